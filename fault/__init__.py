@@ -1,0 +1,1 @@
+"""Fault protection: limits, persistence, modes. Sees telemetry points only."""

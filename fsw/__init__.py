@@ -1,0 +1,1 @@
+"""The flight application: the same in simulation, on the flatsat and on board."""

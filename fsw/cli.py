@@ -1,0 +1,97 @@
+"""The commands `wingbeat replay` and `wingbeat identify`."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from telemetry.report import write_report
+
+from fsw.app import Drivers, Tables
+from fsw.channels import read_channels
+from fsw.modal.pipeline import identify as identify_modes
+from fsw.modal.result import ModalResult, to_contract
+from fsw.run import SUMMARY, fly, run_folder
+from fsw.tables.checks import load_hardware
+from fsw.tables.flight import load_flight
+from fsw.tables.schema import load_sequence
+from hal.drivers.image_files import find_images
+from hal.drivers.lockstep_clock import LockstepClock
+from hal.drivers.recorded import RecordedCamera, RecordedTrigger, Recording, open_recording
+from telemetry.modes_text import modes_table
+from wingbeat.console import progress, write_json
+from wingbeat.errors import InputError
+
+
+class Kind(StrEnum):
+    """What a record holds."""
+
+    DECAY = "decay"
+    AMBIENT = "ambient"
+    AUTO = "auto"
+
+
+def replay(
+    sequence: Annotated[Path, typer.Argument(help="sequence.toml: recorded stereo images, their cameras and wing.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; default runs/NAME-OF-THE-FOLDER.")] = None,
+    tables: Annotated[Path | None, typer.Option(help="Flight tables (TOML) to lay over the shipped ones.")] = None,
+    json_file: Annotated[str | None, typer.Option("--json", help="The modes as JSON; - for stdout.")] = None,
+) -> None:
+    """Run the flight application over recorded stereo images, in lockstep.
+
+    Example: wingbeat replay recording/sequence.toml --out runs/recording
+    """
+    described = load_sequence(sequence)
+    base = sequence.parent
+    cameras, wing = load_hardware(base / described.cameras, base / described.wing)
+    flight = load_flight(tables)
+    recording = open_recording(
+        find_images(base, described.left),
+        find_images(base, described.right),
+        ((cameras.left.width, cameras.left.height), (cameras.right.width, cameras.right.height)),
+        described.rate_hz,
+        base / described.timestamps if described.timestamps else None,
+    )
+    target = out or Path("runs") / sequence.resolve().parent.name
+    with run_folder(target) as folder:
+        with progress("replay", recording.ticks) as advance:
+            figures = fly(
+                Tables(cameras, wing, flight), _drivers(recording, described.rate_hz), folder, each_tick=advance
+            )
+        (folder / SUMMARY).write_text(json.dumps({"sequence": sequence.name} | figures, indent=2) + "\n")
+        write_report(folder, f"Replay of {sequence.resolve().parent.name}")
+    modes = json.loads((target / "modes.json").read_text())
+    if json_file is not None:
+        write_json(modes, json_file)
+    if json_file != "-":
+        typer.echo(modes_table(modes))
+        typer.echo(f"files in {target}, start with {target / 'report.html'}")
+
+
+def _drivers(recording: Recording, rate_hz: float) -> Drivers:
+    clock = LockstepClock()
+    eyes = (RecordedCamera(recording, 0), RecordedCamera(recording, 1))
+    return Drivers(eyes, RecordedTrigger(recording, clock), clock, rate_hz)
+
+
+def identify(
+    file: Annotated[Path, typer.Argument(help="Recorded channels: .npz or .csv.")],
+    rate: Annotated[float | None, typer.Option(help="Sampling rate in Hz, if the file does not say it.")] = None,
+    kind: Annotated[Kind, typer.Option(help="Free decay, response to noise, or decided from the data.")] = Kind.AUTO,
+    json_file: Annotated[str | None, typer.Option("--json", help="The modes as JSON; - for stdout.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a page with the diagrams to this file.")] = None,
+) -> None:
+    """Find the modes of recorded channels, with their uncertainty.
+
+    Example: wingbeat identify record.csv --rate 100 --json modes.json
+    """
+    channels = read_channels(file, rate)
+    result: ModalResult = identify_modes(channels.time_s, channels.y, kind.value)
+    modes = to_contract(result)
+    if report is not None:
+        raise InputError("no report", report)
+    if json_file is not None:
+        write_json(modes, json_file)
+    if json_file != "-":
+        typer.echo(modes_table(modes))

@@ -1,0 +1,1 @@
+"""Cyclic executive: schedule table, tick loop, timing statistics."""

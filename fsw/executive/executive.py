@@ -1,0 +1,248 @@
+"""The tick loop: deliver what is due, then run each task that the schedule releases, in the table's order.
+
+A deterministic cyclic executive with detected and bounded overruns; it promises no hard real time.
+"""
+
+import queue
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from fsw.executive.schedule import Slot, releases
+from fsw.executive.timing import Timing
+from hal.clock import Clock
+from hal.trigger import Edge, Trigger
+
+
+@runtime_checkable
+class FrameTask(Protocol):
+    """A task that runs within its tick."""
+
+    name: str
+
+    def init(self) -> None:
+        """Take all memory, before the first tick."""
+        ...
+
+    def run(self, tick: int, time_ns: int) -> None:
+        """Do this tick's work."""
+        ...
+
+
+@runtime_checkable
+class LongTask(Protocol):
+    """A task that works beside the ticks; its result appears at a fixed later tick (logical execution time)."""
+
+    name: str
+
+    def init(self) -> None:
+        """Take all memory, before the first tick."""
+        ...
+
+    def take(self, tick: int) -> bool | None:
+        """On the tick thread: set the inputs aside. False: there is nothing to work on this time."""
+        ...
+
+    def work(self) -> None:
+        """On the worker thread: touch only what `take` set aside, and the task's own memory."""
+        ...
+
+    def deliver(self, tick: int) -> None:
+        """On the tick thread, at the delivery tick: make the result visible."""
+        ...
+
+
+class TaskCounts(NamedTuple):
+    """Of one task: runs, overruns at delivery, late results discarded, releases lost (edge missed or busy)."""
+
+    runs: int
+    overruns: int
+    discarded: int
+    lost: int
+
+
+class _Entry:
+    """One row of the schedule at run time."""
+
+    def __init__(self, slot: Slot, task: FrameTask | LongTask) -> None:
+        self.slot, self.init = slot, task.init
+        self.long = task if isinstance(task, LongTask) else None
+        self.frame = task if self.long is None and isinstance(task, FrameTask) else None
+        if self.long is None and (self.frame is None or slot.latency_ticks > 0):
+            raise ValueError(f"task {slot.task} has no take, work and deliver for its latency")
+        self.cpu, self.wall = Timing(slot.budget_ms), Timing(slot.budget_ms)
+        self.runs = self.overruns = self.discarded = self.lost = 0
+        self.due_tick: int | None = None  # where the result of the work under way is to appear
+        self.late = False  # work is under way whose tick has passed
+        self.done = threading.Event()  # no work is under way
+        self.done.set()
+        self.error: BaseException | None = None
+        self.spent_cpu_ns = self.spent_wall_ns = 0
+
+
+class Executive:
+    """Runs tasks tick by tick until the trigger ends.
+
+    lockstep: wait at the delivery tick for a long task that is not done. Otherwise that is an overrun: counted,
+    and its result is discarded when it comes. Either way results appear at the same ticks, at any speed.
+    period_ns: length of a tick, to count ticks that took longer. Raises KeyError for a task that is not there.
+    """
+
+    def __init__(
+        self,
+        schedule: Sequence[Slot],
+        tasks: Mapping[str, FrameTask | LongTask],
+        trigger: Trigger,
+        clock: Clock,
+        period_ns: int,
+        lockstep: bool = True,
+    ) -> None:
+        self._entries = {slot.task: _Entry(slot, tasks[slot.task]) for slot in schedule}
+        self._trigger, self._clock, self._lockstep = trigger, clock, lockstep
+        self._period_ns = period_ns
+        self._jobs: queue.Queue[_Entry | None] = queue.Queue(maxsize=len(self._entries) + 1)
+        self._worker: threading.Thread | None = None
+        self.tick = -1
+        self.ticks = self.missed_ticks = self.repeated_edges = self.tick_overruns = 0
+        self.release_jitter = Timing(period_ns * 1e-6)
+
+    @property
+    def overruns(self) -> int:
+        """Long tasks not done at their delivery, and ticks that took longer than a period."""
+        return self.tick_overruns + sum(entry.overruns for entry in self._entries.values())
+
+    def init(self) -> None:
+        """Initialise the tasks in the order of the schedule, and start the worker if one is needed."""
+        for entry in self._entries.values():
+            entry.init()
+        if any(entry.slot.latency_ticks > 0 for entry in self._entries.values()):
+            self._worker = threading.Thread(target=self._work, name="executive-worker", daemon=True)
+            self._worker.start()
+
+    def step(self) -> bool:
+        """Wait for the next edge and run its tick; False when the trigger has ended."""
+        edge = self._trigger.wait()
+        if edge is None:
+            return False
+        if edge.tick <= self.tick:
+            self.repeated_edges += 1
+            return True
+        self._count_gap(edge.tick)
+        self.tick = edge.tick
+        self.ticks += 1
+        self.release_jitter.add(max(0, self._clock.now_ns() - edge.time_ns))
+        for entry in self._entries.values():
+            self._deliver_if_due(entry, edge.tick)
+        for entry in self._entries.values():
+            if releases(entry.slot, edge.tick, edge.tick):
+                self._release(entry, edge)
+        self.tick_overruns += self._clock.now_ns() - edge.time_ns > self._period_ns
+        return True
+
+    def run(self) -> None:
+        """Initialise, run to the end of the trigger, and close."""
+        try:
+            self.init()
+            while self.step():
+                pass
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Let the worker end what it has begun; a result whose tick never came is not delivered."""
+        if self._worker is not None:
+            self._jobs.put(None)
+            self._worker.join()
+            self._worker = None
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Names of the scheduled tasks, in the order in which they run."""
+        return tuple(self._entries)
+
+    def timing(self, task: str) -> tuple[Timing, Timing]:
+        """Thread-CPU time and wall time of a task's runs."""
+        return self._entries[task].cpu, self._entries[task].wall
+
+    def counts(self, task: str) -> TaskCounts:
+        """What happened to a task so far."""
+        entry = self._entries[task]
+        return TaskCounts(entry.runs, entry.overruns, entry.discarded, entry.lost)
+
+    def _count_gap(self, tick: int) -> None:
+        """Count edges that never came, and the releases that were lost with them."""
+        gap = tick - self.tick - 1
+        if gap > 0:
+            self.missed_ticks += gap
+            for entry in self._entries.values():
+                entry.lost += releases(entry.slot, self.tick + 1, tick - 1)
+
+    def _release(self, entry: _Entry, edge: Edge) -> None:
+        frame, task = entry.frame, entry.long
+        if frame is not None:
+            self._measure(entry, lambda: frame.run(edge.tick, edge.time_ns))
+            self._book(entry)
+        if task is None:
+            return
+        if entry.late:  # its memory is still in use
+            entry.lost += 1
+            return
+        if self._measure(entry, lambda: task.take(edge.tick)) is False:
+            self._forget(entry)
+        elif entry.slot.latency_ticks == 0:
+            self._measure(entry, task.work)
+            self._measure(entry, lambda: task.deliver(edge.tick))
+            self._book(entry)
+        else:
+            entry.due_tick = edge.tick + entry.slot.latency_ticks
+            entry.done.clear()
+            self._jobs.put(entry)
+
+    def _deliver_if_due(self, entry: _Entry, tick: int) -> None:
+        if entry.late and entry.done.is_set():
+            entry.late = False
+            entry.discarded += 1
+            self._book(entry)
+        if entry.due_tick is None or tick < entry.due_tick:
+            return
+        entry.due_tick = None
+        if self._lockstep:
+            entry.done.wait()
+        if not entry.done.is_set():
+            entry.overruns += 1
+            entry.late = True
+            return
+        task = entry.long
+        if task is not None and entry.error is None:
+            self._measure(entry, lambda: task.deliver(tick))
+        self._book(entry)
+
+    def _work(self) -> None:
+        """The worker: one job after the other, in the order of their release."""
+        while (entry := self._jobs.get()) is not None:
+            try:
+                assert entry.long is not None
+                self._measure(entry, entry.long.work)
+            except BaseException as error:  # raised again on the tick thread, where somebody listens
+                entry.error = error
+            entry.done.set()
+
+    def _measure(self, entry: _Entry, call: Callable[[], bool | None]) -> bool | None:
+        cpu_ns, wall_ns = self._clock.thread_cpu_ns(), self._clock.wall_ns()
+        result = call()
+        entry.spent_cpu_ns += self._clock.thread_cpu_ns() - cpu_ns
+        entry.spent_wall_ns += self._clock.wall_ns() - wall_ns
+        return result
+
+    def _book(self, entry: _Entry) -> None:
+        """Count one whole run, on the tick thread."""
+        if entry.error is not None:
+            raise entry.error
+        entry.runs += 1
+        entry.cpu.add(entry.spent_cpu_ns)
+        entry.wall.add(entry.spent_wall_ns)
+        self._forget(entry)
+
+    @staticmethod
+    def _forget(entry: _Entry) -> None:
+        entry.spent_cpu_ns = entry.spent_wall_ns = 0

@@ -1,0 +1,1 @@
+"""Memory that is taken once: frame pools and ring buffers."""

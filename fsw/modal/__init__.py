@@ -1,0 +1,1 @@
+"""Modal identification: pure functions on arrays."""

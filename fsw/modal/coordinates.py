@@ -1,0 +1,155 @@
+"""From many channels with gaps to a few principal coordinates, on true time stamps or on an even grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.signal
+from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
+
+FloatArray = NDArray[np.float64]
+
+# Rounds of estimating each channel's own noise and projecting again; the second changes little, a third
+# nothing.
+_ROUNDS = 2
+# A channel counts if this share of its samples is there, and a tick if this share of the channels is.
+_LEAST_SHARE = 0.5
+# Half-band filter of the octaves: flat to 0.2 of the rate, silent above 0.3.
+_HALF_BAND = scipy.signal.firwin(33, 0.5, window=("kaiser", 6.0))
+# A level of fewer samples is not halved again.
+_LEAST_SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """A record in principal coordinates.
+
+    time_s (T,) true stamps from 0; signals (T, p); basis (L, p): channels[:, live] - mean = signals basis^T
+    + noise; channels (T, L): the live channels without their mean, gaps filled; live (M,) bool; kept (T_in,)
+    bool; rate_hz: the nominal rate.
+    """
+
+    time_s: FloatArray
+    signals: FloatArray
+    basis: FloatArray
+    channels: FloatArray
+    live: NDArray[np.bool_]
+    kept: NDArray[np.bool_]
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class Level:
+    """Evenly sampled signals (T, p) at one octave's rate, and the band of frequencies to look for there."""
+
+    signals: FloatArray
+    rate_hz: float
+    band_hz: tuple[float, float]
+
+
+def nominal_rate_hz(time_s: FloatArray) -> float:
+    """Rate of the grid under stamps that may have gaps and jitter: the mean step over steps of one period."""
+    steps = np.diff(time_s)
+    typical = float(np.median(steps))
+    whole = float(np.sum(np.maximum(np.rint(steps / typical), 1.0)))
+    return whole / float(time_s[-1] - time_s[0])
+
+
+def principal_coordinates(time_s: FloatArray, y: FloatArray, count: int) -> Coordinates:
+    """Leading principal coordinates of a record, each channel scaled by its own noise.
+
+    time_s (T,) increasing; y (T, M), NaN = missing; count: most coordinates. A channel or tick that is
+    mostly missing is left out; what is missing elsewhere is filled from the other channels through the
+    coordinates themselves.
+    """
+    present = np.isfinite(y)
+    live = present.mean(axis=0) > _LEAST_SHARE
+    live[live] = np.nanstd(y[:, live], axis=0) > 0.0
+    share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
+    complete = share >= 1.0
+    # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
+    # out.
+    kept = complete if live.sum() <= count and complete.mean() > 0.7 else share > _LEAST_SHARE
+    stamps, y, present = time_s[kept], y[np.ix_(kept, live)], present[np.ix_(kept, live)]
+    if y.size == 0 or len(stamps) < 2:
+        none = np.zeros((len(stamps), 0))
+        return Coordinates(stamps, none, none[:0], none, live & False, kept, 0.0)
+    stamps = stamps - stamps[0]
+    y = _fill_in_time(stamps, y, present)
+    y = y - y.mean(axis=0)
+    if y.shape[1] <= count:
+        scale = y.std(axis=0)
+        signals, basis = y / scale, np.diag(scale)
+    else:
+        signals, basis, y = _project(y, present, count)
+    return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps))
+
+
+def _fill_in_time(stamps: FloatArray, y: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
+    """First guess of missing samples: linear in time, channel by channel."""
+    y = y.copy()
+    for j in np.flatnonzero(~present.all(axis=0)):
+        here = present[:, j]
+        y[~here, j] = np.interp(stamps[~here], stamps[here], y[here, j])
+    return y
+
+
+def _project(y: FloatArray, present: NDArray[np.bool_], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Signals (T, p), basis (L, p) and y with its gaps filled, by principal components of channels of equal noise."""
+    scale = np.full(y.shape[1], max(float(y.std()), 1e-300))
+    gaps = not bool(present.all())
+    for _ in range(_ROUNDS):
+        V = _leading_directions(y / scale, count)
+        signals = (y / scale) @ V
+        if gaps:
+            # Least squares on the channels that are there, tick by tick: (V^T W V) a = V^T W y.
+            outer = (V[:, :, None] * V[:, None, :]).reshape(len(V), -1)
+            normal = (present @ outer).reshape(-1, V.shape[1], V.shape[1])
+            right = np.where(present, y / scale, 0.0) @ V
+            signals = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+            y = np.where(present, y, (signals @ V.T) * scale)
+        noise = np.sqrt(np.mean((y - (signals @ V.T) * scale) ** 2, axis=0))
+        basis = V * scale[:, None]
+        # No channel may claim to be much better than the others: the fit would chase it.
+        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * float(y.std())))
+    return signals, basis, y
+
+
+def _leading_directions(y: FloatArray, count: int) -> FloatArray:
+    """Leading right singular vectors (M, p) through the smaller Gram matrix."""
+    T, M = y.shape
+    p = min(count, T, M)
+    if T < M:
+        _, U = scipy.linalg.eigh(y @ y.T, subset_by_index=(T - p, T - 1))
+        V, _ = np.linalg.qr(y.T @ U[:, ::-1])
+        return V
+    _, V = scipy.linalg.eigh(y.T @ y, subset_by_index=(M - p, M - 1))
+    return np.ascontiguousarray(V[:, ::-1])
+
+
+def even_grid(stamps: FloatArray, signals: FloatArray, rate_hz: float) -> FloatArray:
+    """Signals (N, p) on the even grid of the rate, by Akima's interpolation, which hardly overshoots."""
+    count = round(float(stamps[-1] - stamps[0]) * rate_hz) + 1
+    grid = stamps[0] + np.arange(count) / rate_hz
+    if count == len(stamps) and float(np.max(np.abs(grid - stamps))) < 1e-3 / rate_hz:
+        return signals
+    inside = np.clip(grid, stamps[0], stamps[-1])
+    return Akima1DInterpolator(stamps, signals, axis=0, method="makima")(inside)
+
+
+def octaves(signals: FloatArray, rate_hz: float) -> list[Level]:
+    """The record at its rate and at halved rates, each with the octave of frequencies that it resolves best.
+
+    The filter drops its ends instead of padding them: a finite filter leaves the poles of a free decay where
+    they are.
+    """
+    levels = []
+    top = 0.5 * rate_hz
+    while len(signals) >= _LEAST_SAMPLES:
+        levels.append(Level(signals, rate_hz, (0.14 * rate_hz, top)))
+        # Bands overlap, so that a mode whose poles scatter about an edge is whole in one of them.
+        top = 0.17 * rate_hz
+        signals = scipy.signal.convolve(signals, _HALF_BAND[:, None], mode="valid", method="direct")[::2]
+        rate_hz = 0.5 * rate_hz
+    return [*levels, Level(signals, rate_hz, (0.0, top))]

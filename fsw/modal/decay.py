@@ -1,0 +1,206 @@
+"""A free decay: subspace candidates, maximum likelihood refinement, and a second look at what is left over."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from fsw.modal.candidates import Correlation, subspace_candidates
+from fsw.modal.clustering import Candidate, Pole
+from fsw.modal.coordinates import even_grid
+from fsw.modal.indicators import shape_assurance
+from fsw.modal.refinement import Fit, project, refine, significance
+from fsw.modal.result import Options
+from fsw.modal.uncertainty import direction, noise_beside
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Looks at the residual. Each can only add modes that the likelihood asks for.
+_PASSES = 4
+# Chance that noise alone passes for a mode, before the search over frequencies.
+_FALSE_ALARM = 1e-9
+# Poles of one shape nearer than this many 1 / T are one mode, split.
+_SPLIT = 2.0
+_SAME_SHAPE = 0.9
+# A mode matters with this share of the strongest one's energy; a decay leaves no peak above this share of
+# the record's tallest.
+_MATTERS = 0.05
+_LEFT_OVER = 0.1
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A fitted decay in whitened coordinates, with each mode's amplitude coherence and singular value."""
+
+    fit: Fit
+    coherence: FloatArray
+    singular_value: FloatArray
+    diagram: list[Pole]
+
+
+def find_decay(
+    time_s: FloatArray, signals: FloatArray, rate_hz: float, correlation: Correlation, options: Options
+) -> Decay:
+    """Damped sinusoids that the likelihood asks for, refined together.
+
+    time_s (T,) true stamps from 0, signals (T, p). The noise's covariance between the coordinates is
+    estimated on the way.
+    """
+    degree = options.drift_degree
+    whitening = np.diag(1.0 / np.maximum(signals.std(axis=0), 1e-300))
+    known: list[Candidate] = []
+    fit = project(time_s, signals @ whitening, np.zeros(0, np.complex128), degree)
+    diagram: list[Pole] = []
+    for number in range(_PASSES):
+        rest = signals @ whitening if number else signals
+        left_over = fit.residual if number else rest - fit.orthonormal @ (fit.orthonormal.T @ rest)
+        found, poles = subspace_candidates(
+            even_grid(time_s, left_over, rate_hz), rate_hz, correlation, options.block_rows, options.order
+        )
+        diagram = diagram or poles
+        fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole.s, fit, time_s)]
+        fresh = fresh[: max(options.most_modes - len(known), 0)]
+        if not fresh:
+            break
+        before = len(known)
+        poles_now = np.concatenate([fit.poles, [c.pole.s for c in fresh]])
+        fit, known, whitening = _settle(time_s, signals, poles_now, [*known, *fresh], degree)
+        if len(known) <= before:
+            break
+    return Decay(
+        fit,
+        np.array([c.pole.coherence for c in known]),
+        np.array([c.pole.singular_value for c in known]),
+        diagram,
+    )
+
+
+def _settle(
+    time_s: FloatArray, signals: FloatArray, poles: ComplexArray, known: list[Candidate], degree: int
+) -> tuple[Fit, list[Candidate], FloatArray]:
+    """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well."""
+    whitening = _whitening(signals, project(time_s, signals, poles, degree))
+    searched = False
+    refined = 0
+    while True:
+        whitened = signals @ whitening
+        fit = refine(time_s, whitened, poles, degree) if searched else project(time_s, whitened, poles, degree)
+        drop = _least_needed(time_s, fit)
+        if drop is not None:
+            keep = np.arange(len(fit.poles)) != drop
+            poles = fit.poles[keep]
+            known = [c for c, k in zip(known, keep, strict=True) if k]
+        else:
+            poles = fit.poles
+            if refined == 3 or (len(poles) == 0 and searched):
+                return fit, known, whitening
+            refined += int(searched)
+            searched = True
+        base = project(time_s, signals, poles, degree)
+        whitening = _whitening(signals, base)
+
+
+def _whitening(signals: FloatArray, fit: Fit) -> FloatArray:
+    """Symmetric inverse root (p, p) of the residual's covariance; never finer than rounding of the signals."""
+    freedom = max(len(signals) - len(fit.triangle) - 2 * len(fit.poles) / signals.shape[1], 1.0)
+    covariance = fit.residual.T @ fit.residual / freedom
+    values, vectors = np.linalg.eigh(covariance)
+    least = (1e-9**2) * float(np.max(signals.var(axis=0))) + 1e-300
+    return (vectors / np.sqrt(np.maximum(values, least))) @ vectors.T
+
+
+def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
+    """The mode to drop next: one of a split pair, or one that noise explains as well; None if all are needed."""
+    if len(fit.poles) == 0:
+        return None
+    values = significance(fit)
+    for j in np.argsort(values, kind="stable"):
+        stronger = [i for i in range(len(values)) if values[i] > values[j] or (values[i] == values[j] and i < j)]
+        if any(_split(time_s, fit, int(j), i) for i in stronger):
+            return int(j)
+    limit = float(chi2.isf(_FALSE_ALARM, 2 * fit.residual.shape[1]))
+    excess = np.array(
+        [
+            value / (limit * max(noise_beside(time_s, fit.residual, direction(fit, j), abs(s) / (2.0 * np.pi)), 1.0))
+            for j, (value, s) in enumerate(zip(values, fit.poles, strict=True))
+        ]
+    )
+    # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
+    cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
+    excess[(cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))] = 0.0
+    worst = int(np.argmin(excess))
+    return worst if excess[worst] < 1.0 else None
+
+
+def complex_shape(fit: Fit, mode: int) -> ComplexArray:
+    """Shape (p,) of a mode in the fit's coordinates: amplitude and phase at time 0."""
+    return fit.coefficients[2 * mode] - 1j * fit.coefficients[2 * mode + 1]
+
+
+def _split(time_s: FloatArray, fit: Fit, a: int, b: int) -> bool:
+    apart = abs(fit.poles[a].imag - fit.poles[b].imag) / (2.0 * np.pi) * float(time_s[-1])
+    return bool(
+        apart < 0.05 or (apart < _SPLIT and shape_assurance(complex_shape(fit, a), complex_shape(fit, b)) > _SAME_SHAPE)
+    )
+
+
+def _near(s: complex, fit: Fit, time_s: FloatArray) -> bool:
+    """Whether a fresh pole only repeats one that is fitted already."""
+    apart = np.abs(fit.poles.imag - s.imag) / (2.0 * np.pi) * float(time_s[-1])
+    return bool(np.any(apart < 0.3))
+
+
+def onset(time_s: FloatArray, signals: FloatArray) -> int:
+    """Index at which a free decay starts: 0, or just after the strike if the record is much quieter before
+    it.
+
+    The record is cut in 40 pieces. The piece that changes most is the strike, if it is four times as loud as
+    what came before.
+    """
+    pieces = np.array_split(np.arange(len(signals)), min(40, max(len(signals) // 8, 1)))
+    change = np.diff(signals, axis=0, prepend=signals[:1])
+    loud = np.array([float(np.mean(change[piece] ** 2)) for piece in pieces])
+    strike = int(np.argmax(loud))
+    before = float(np.median(loud[: strike + 1]))
+    if strike == 0 or loud[strike] < 16.0 * before or strike > 0.7 * len(pieces):
+        return 0
+    return int(pieces[min(strike + 1, len(pieces) - 1)][0])
+
+
+def convincing(
+    time_s: FloatArray,
+    signals: FloatArray,
+    fit: Fit,
+    drift_degree: int,
+    coherence: FloatArray,
+    falling: NDArray[np.bool_],
+) -> bool:
+    """Whether a record is a free decay: falling exponentials explain the modes that matter, and leave no
+    peak like theirs.
+
+    signals (T, p) before whitening; coherence, falling (m,): the fit's share of the energy about each mode,
+    and whether it decays.
+    """
+    if len(fit.poles) == 0:
+        return False
+    plain = project(time_s, signals, fit.poles, drift_degree)
+    moving = project(time_s, signals, fit.poles[:0], drift_degree).residual
+    parts = [
+        plain.triangle[:, 2 * j : 2 * j + 2] @ plain.coefficients[2 * j : 2 * j + 2] for j in range(len(fit.poles))
+    ]
+    energy = np.array([float(np.sum(part**2)) for part in parts])
+    matters = energy > _MATTERS * float(np.max(energy))
+    hz = np.arange(1.5, 0.5 * len(time_s)) / float(time_s[-1])
+    left_over, total = (_tallest(time_s, series, hz) for series in (plain.residual, moving))
+    return bool(np.all(coherence[matters] > 0.9) and np.any(falling & matters) and left_over < _LEFT_OVER * total)
+
+
+def _tallest(time_s: FloatArray, series: FloatArray, hz: FloatArray) -> float:
+    """Largest power over frequency, summed over the coordinates; true stamps, in blocks of bounded memory."""
+    tallest = 0.0
+    for block in np.array_split(hz, max(len(hz) * len(time_s) // 2_000_000, 1)):
+        waves = np.exp(-2j * np.pi * block[:, None] * time_s)
+        tallest = max(tallest, float(np.max(np.sum(np.abs(waves @ series) ** 2, axis=1), initial=0.0)))
+    return tallest

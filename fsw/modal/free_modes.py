@@ -1,0 +1,98 @@
+"""Modes of a free decay: the fit turned into frequencies, intervals, shapes and flags."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.candidates import Correlation
+from fsw.modal.clustering import Pole
+from fsw.modal.coordinates import Coordinates
+from fsw.modal.decay import Decay, convincing, find_decay, onset
+from fsw.modal.gates import LEAST_DECAY, common_flags, decay_flags, varies, weak_flags
+from fsw.modal.result import Mode, Options
+from fsw.modal.uncertainty import direction, fit_coherence, frequency_change, modal_sigmas, noise_beside
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# What explains less than this share of the energy about its frequency is a patch on the fit, not a mode.
+_NO_MODE = 0.5
+
+
+def identify_decay(
+    coordinates: Coordinates, correlation: Correlation, options: Options
+) -> tuple[list[Mode], list[Pole], bool]:
+    """Modes of a free decay, poles for the stabilisation diagram, and whether it is a free decay at all."""
+    start = onset(coordinates.time_s, coordinates.signals)
+    time_s = coordinates.time_s[start:] - coordinates.time_s[start]
+    decay = find_decay(time_s, coordinates.signals[start:], coordinates.rate_hz, correlation, options)
+    fit = decay.fit
+    count = len(fit.poles)
+    frequency_hz, damping = np.abs(fit.poles) / (2.0 * np.pi), -fit.poles.real / np.abs(fit.poles)
+    noise = np.array([noise_beside(time_s, fit.residual, direction(fit, j), frequency_hz[j]) for j in range(count)])
+    sigmas = modal_sigmas(fit.poles, fit.information, noise)
+    coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
+    shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
+    amplitude = np.max(np.abs(shapes), axis=1, initial=0.0)
+    modes = []
+    for j in map(int, np.flatnonzero(coherence > _NO_MODE)):
+        flags = _flags(j, time_s, decay, frequency_hz, damping, sigmas, coherence, amplitude, coordinates.rate_hz)
+        if amplitude[j] < options.minimum_amplitude:
+            flags.append("weak")
+        steady = "time_varying" not in flags
+        modes.append(
+            Mode(
+                frequency_hz=float(frequency_hz[j]),
+                frequency_sigma_hz=float(sigmas[j, 0]),
+                damping_ratio=float(damping[j]) if steady else np.nan,
+                damping_ratio_sigma=float(sigmas[j, 1]) if steady else np.nan,
+                amplitude=float(amplitude[j]),
+                amplitude_coherence=float(decay.coherence[j]),
+                singular_value=float(decay.singular_value[j]),
+                shape=normalised(shapes[j], coordinates.live),
+                valid=not flags,
+                flags=sorted(set(flags)),
+            )
+        )
+    falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
+    signals = coordinates.signals[start:]
+    return modes, decay.diagram, convincing(time_s, signals, fit, options.drift_degree, coherence, falling)
+
+
+def total_decay(s: complex, time_s: FloatArray) -> float:
+    """Logarithm of the fall of a mode's amplitude over the record."""
+    return float(-s.real * time_s[-1])
+
+
+def _flags(
+    j: int,
+    time_s: FloatArray,
+    decay: Decay,
+    frequency_hz: FloatArray,
+    damping: FloatArray,
+    sigmas: FloatArray,
+    coherence: FloatArray,
+    amplitude: FloatArray,
+    rate_hz: float,
+) -> list[str]:
+    duration_s = float(time_s[-1])
+    f, zeta = float(frequency_hz[j]), float(damping[j])
+    flags = common_flags(f, float(sigmas[j, 0]), zeta, float(decay.coherence[j]), rate_hz, duration_s)
+    flags += decay_flags(zeta, float(sigmas[j, 1]), f, duration_s, float(coherence[j]))
+    flags += weak_flags(j, list(frequency_hz), list(sigmas[:, 0]), list(amplitude))
+    if varies(*frequency_change(time_s, decay.fit, j), f):
+        flags.append("time_varying")
+    return flags
+
+
+def channel_shapes(orthonormal: FloatArray, triangle: FloatArray, channels: FloatArray, modes: int) -> ComplexArray:
+    """Complex amplitudes (modes, L) at time 0 of each mode in each channel, by linear least squares."""
+    X = np.linalg.solve(triangle, orthonormal.T @ channels)
+    return (X[0 : 2 * modes : 2] - 1j * X[1 : 2 * modes : 2]).astype(np.complex128)
+
+
+def normalised(shape: ComplexArray, live: NDArray[np.bool_]) -> ComplexArray:
+    """Shape (M,) over all channels with its largest entry 1; NaN where a channel was not used."""
+    full = np.full(len(live), np.nan + 0j, np.complex128)
+    peak = shape[int(np.argmax(np.abs(shape)))]
+    full[live] = shape / peak if peak != 0.0 else shape
+    return full

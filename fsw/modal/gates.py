@@ -1,0 +1,126 @@
+"""The gates between a fitted mode and a valid one. Each names what is wrong; a mode without a name is valid."""
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+# The highest frequency believed, as a share of the rate: above, a mode may be the alias of one beyond half
+# the rate.
+NYQUIST_SHARE = 0.4
+LARGEST_DAMPING = 0.2
+# Share of energy about the frequency that the mode must explain, and least amplitude coherence of its pole.
+LEAST_FIT_COHERENCE = 0.9
+LEAST_AMPLITUDE_COHERENCE = 0.8
+# A line whose amplitude falls by less than this share over the record may as well be forced.
+LEAST_DECAY = 0.05
+# Damping must stand so many deviations above zero, and both intervals must be this narrow.
+DAMPING_DEVIATIONS = 3.0
+LARGEST_FREQUENCY_SIGMA = 0.01
+LARGEST_AMBIENT_DAMPING_SIGMA = 0.9
+# A frequency that moves by more than this share of itself within the record is not one frequency.
+LARGEST_CHANGE = 0.005
+CHANGE_DEVIATIONS = 4.0
+LEAST_CYCLES = 3.0
+# Perspective and bending make weak copies of strong modes at sums, differences and multiples of their
+# frequencies.
+COMBINATION_AMPLITUDE = 0.01
+COMBINATION_FREQUENCY = 0.003
+LEAST_RELATIVE_AMPLITUDE = 1e-3
+# A steady sinusoid that explains so much of an ambient peak means that something drives it there.
+LARGEST_LINE_SHARE = 0.9
+# Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, its least height over
+# the floor beside it, and the orders that it must appear in.
+LEAST_GAIN = 20.0
+LEAST_RISE = 5.0
+LEAST_ORDERS = 4
+
+
+def common_flags(
+    frequency_hz: float,
+    frequency_sigma_hz: float,
+    damping_ratio: float,
+    coherence: float,
+    rate_hz: float,
+    duration_s: float,
+) -> list[str]:
+    """Flags that hold for decays and ambient response alike."""
+    flags = []
+    if frequency_hz > NYQUIST_SHARE * rate_hz:
+        flags.append("near_nyquist")
+    if frequency_hz * duration_s < LEAST_CYCLES:
+        flags.append("short_record")
+    if coherence < LEAST_AMPLITUDE_COHERENCE:
+        flags.append("incoherent")
+    if not frequency_sigma_hz < LARGEST_FREQUENCY_SIGMA * frequency_hz:
+        flags.append("imprecise")
+    if damping_ratio > LARGEST_DAMPING:
+        flags.append("overdamped")
+    return flags
+
+
+def decay_flags(
+    damping_ratio: float, damping_ratio_sigma: float, frequency_hz: float, duration_s: float, fit_coherence: float
+) -> list[str]:
+    """Flags of a free decay: steady lines, growth, damping that cannot be told from none, a poor fit."""
+    flags = []
+    decay = 2.0 * np.pi * frequency_hz * damping_ratio * duration_s
+    if damping_ratio < -DAMPING_DEVIATIONS * damping_ratio_sigma and decay < -LEAST_DECAY:
+        flags.append("growing")
+    elif decay < LEAST_DECAY:
+        flags.append("harmonic")
+    elif damping_ratio < DAMPING_DEVIATIONS * damping_ratio_sigma:
+        flags.append("imprecise")
+    if fit_coherence < LEAST_FIT_COHERENCE:
+        flags.append("not_exponential")
+    return flags
+
+
+def ambient_flags(
+    damping_ratio: float, damping_sigma: float, gain: float, rise: float, line_share: float, orders: int
+) -> list[str]:
+    """Flags of a mode in stationary response: a steady line, damping unknown, a peak that noise makes as well."""
+    flags = []
+    if line_share > LARGEST_LINE_SHARE or damping_ratio <= 0.0:
+        flags.append("harmonic")
+    if not damping_sigma < LARGEST_AMBIENT_DAMPING_SIGMA * damping_ratio:
+        flags.append("imprecise")
+    if gain < LEAST_GAIN or rise < LEAST_RISE or orders < LEAST_ORDERS:
+        flags.append("weak")
+    return flags
+
+
+def varies(change_hz: float, sigma_hz: float, frequency_hz: float) -> bool:
+    """Whether a frequency changes within the record, by more than matters and more than noise can feign."""
+    return abs(change_hz) > max(LARGEST_CHANGE * frequency_hz, CHANGE_DEVIATIONS * sigma_hz)
+
+
+def weak_flags(
+    index: int, frequency_hz: Sequence[float], sigma_hz: Sequence[float], amplitude: Sequence[float]
+) -> list[str]:
+    """Flags of a mode that may be the echo of stronger ones: "combination" at m f_a +- n f_b, "weak" near
+    the measurement's linearity.
+
+    All sequences (m,): the record's modes in the same order.
+    """
+    largest = max(amplitude)
+    flags = []
+    if amplitude[index] < LEAST_RELATIVE_AMPLITUDE * largest:
+        flags.append("weak")
+    parents = [j for j, a in enumerate(amplitude) if amplitude[index] < COMBINATION_AMPLITUDE * a]
+    others = [j for j, a in enumerate(amplitude) if a > 2.0 * amplitude[index] and j != index]
+    f = frequency_hz[index]
+
+    def meets(combined_hz: float, tolerance_hz: float) -> bool:
+        return abs(f - combined_hz) < max(COMBINATION_FREQUENCY * f, 3.0 * (sigma_hz[index] + tolerance_hz))
+
+    multiples = any(meets(n * frequency_hz[j], n * sigma_hz[j]) for j in parents for n in range(2, 9))
+    sums = any(
+        meets(abs(m * frequency_hz[a] + n * frequency_hz[b]), abs(m) * sigma_hz[a] + abs(n) * sigma_hz[b])
+        for a, b in combinations_with_replacement(sorted({*parents, *others}), 2)
+        if a in parents or b in parents
+        for m, n in ((1, 1), (1, -1), (2, 1), (2, -1), (1, 2), (1, -2))
+    )
+    if multiples or sums:
+        flags.append("combination")
+    return flags

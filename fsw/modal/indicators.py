@@ -1,0 +1,40 @@
+"""How far to trust a pole: amplitude coherence (the paper's MAC), singular value (MSV), shape assurance."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.realisation import Poles
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+def amplitude_coherence(poles: Poles, columns: int) -> FloatArray:
+    """Modal amplitude coherence (k,) of identified and modelled amplitude series, 0 to 1.
+
+    The identified series is a row of psi^-1 S^1/2 V^T, the modelled one b [1, z, z^2, ...]. Source: Eq. 39
+    as Juang and Pappa (1985) mean it; in print both series are the same and the value is always 1.
+    """
+    powers = poles.z[:, None] ** np.arange(columns)
+    modelled = (powers[:, :, None] * poles.participation[:, None, :]).reshape(len(poles.z), -1)
+    inner = np.abs(np.sum(poles.identified * modelled.conj(), axis=1))
+    norms = np.linalg.norm(poles.identified, axis=1) * np.linalg.norm(modelled, axis=1)
+    return np.divide(inner, norms, out=np.zeros(len(inner)), where=norms > 0.0)
+
+
+def modal_singular_value(poles: Poles, columns: int) -> FloatArray:
+    """Modal singular value (k,): each mode's contribution to the series.
+
+    sqrt(|c| |b| (1 + |z| + ... + |z|^columns)), which becomes sqrt(|c| |b| / (1 - |z|)) for a long decay;
+    the finite sum also holds for a pole on or outside the unit circle. Source: Eq. 40, 41.
+    """
+    gain = np.sum(np.abs(poles.z)[:, None] ** np.arange(columns + 1), axis=1)
+    c = np.linalg.norm(poles.shape, axis=0)
+    b = np.linalg.norm(poles.participation, axis=1)
+    return np.sqrt(c * b * gain)
+
+
+def shape_assurance(a: ComplexArray, b: ComplexArray) -> float:
+    """Modal assurance criterion |a^H b|^2 / (a^H a b^H b) of two shapes (M,), 0 to 1; 0 if one is zero."""
+    norm = float(np.vdot(a, a).real * np.vdot(b, b).real)
+    return float(abs(np.vdot(a, b)) ** 2 / norm) if norm > 0.0 else 0.0

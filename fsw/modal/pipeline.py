@@ -1,0 +1,101 @@
+"""Modal identification of recorded channels: one function from samples to modes with intervals and validity."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.clustering import Pole
+from fsw.modal.coordinates import Coordinates, principal_coordinates
+from fsw.modal.correlation import fixed_window, spectral
+from fsw.modal.free_modes import identify_decay
+from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
+from fsw.modal.stationary_modes import identify_ambient
+from wingbeat.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+# Fewer samples than this hold no mode.
+LEAST_SAMPLES = 24
+# Flags of a mode that the noise may have made.
+_UNSEEN = {"weak", "incoherent", "imprecise"}
+# Longest piece that the spectrum for the report is made of.
+_SPECTRUM_SAMPLES = 4096
+
+
+def identify(
+    time_s: FloatArray,
+    y: FloatArray,
+    kind: Literal["auto", "decay", "ambient"] = "auto",
+    options: Options | None = None,
+) -> ModalResult:
+    """Modes of a record of vibration, each with its interval, its indicators and whether to believe it.
+
+    time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
+    decay, the stationary response to unknown noise, or decided from the data. Deterministic. Raises
+    InputError for arrays that do not fit. Source: section 5 of the paper (Eq. 31-41), refined by maximum
+    likelihood.
+    """
+    settings = options or Options()
+    time_s, y = _checked(time_s, y)
+    coordinates = principal_coordinates(time_s, y, settings.coordinates)
+    count = len(coordinates.time_s)
+    if count < LEAST_SAMPLES or coordinates.signals.shape[1] == 0:
+        extent = float(time_s[-1] - time_s[0])
+        record = Record(extent, count, coordinates.rate_hz)
+        flags = ["not_observable"] + (["short_record"] if count < LEAST_SAMPLES else [])
+        return ModalResult([], flags, record, "ambient" if kind == "ambient" else "decay")
+    modes: list[Mode] = []
+    poles: list[Pole] = []
+    decided: Kind = "ambient"
+    if kind != "ambient":
+        correlation = spectral if settings.correlation == "spectral" else fixed_window
+        modes, poles, is_decay = identify_decay(coordinates, correlation, settings)
+        decided = "decay" if kind == "decay" or is_decay else "ambient"
+    if decided == "ambient":
+        correlation = fixed_window if settings.correlation == "fixed_window" else spectral
+        modes, poles = identify_ambient(coordinates, correlation, settings)
+    modes = sorted(modes, key=lambda mode: mode.frequency_hz)
+    record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)
+    return ModalResult(modes, _record_flags(modes), record, decided, _diagram(coordinates, poles))
+
+
+def _checked(time_s: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    time_s = np.asarray(time_s, dtype=np.float64)
+    y = np.asarray(y, dtype=np.float64)
+    y = y[:, None] if y.ndim == 1 else y
+    if time_s.ndim != 1 or y.ndim != 2 or len(time_s) != len(y):
+        raise InputError(f"time_s {time_s.shape} and y {y.shape} do not fit", "y", "give one row of y for each time")
+    if len(time_s) < 2 or y.shape[1] == 0:
+        raise InputError("there are no samples", "y", "record at least a few seconds")
+    if not np.all(np.isfinite(time_s)) or not np.all(np.diff(time_s) > 0.0):
+        raise InputError("time does not increase from sample to sample", "time_s", "sort the samples by time")
+    return time_s, np.where(np.isfinite(y), y, np.nan)
+
+
+def _record_flags(modes: list[Mode]) -> list[str]:
+    """What holds for the record: nothing seen above the noise, or a flag of a mode that matters."""
+    seen = [mode for mode in modes if _UNSEEN.isdisjoint(mode.flags)]
+    largest = max((mode.amplitude for mode in modes), default=0.0)
+    flags = [] if seen else ["not_observable"]
+    for flag in ("time_varying", "short_record", "harmonic", "near_nyquist"):
+        if any(
+            flag in mode.flags and "incoherent" not in mode.flags and mode.amplitude > 0.02 * largest for mode in modes
+        ):
+            flags.append(flag)
+    return flags
+
+
+def _diagram(coordinates: Coordinates, poles: list[Pole]) -> Diagram:
+    """Stabilisation diagram and root mean square spectrum over the channels, as amplitudes in the channels' unit."""
+    pieces = coordinates.channels[:_SPECTRUM_SAMPLES]
+    window = np.hanning(len(pieces))[:, None]
+    spectrum = np.abs(np.fft.rfft(pieces * window, axis=0)) * 2.0 / float(window.sum())
+    return Diagram(
+        order=np.array([p.order for p in poles], np.int64),
+        frequency_hz=np.array([p.frequency_hz for p in poles]),
+        damping_ratio=np.array([p.damping_ratio for p in poles]),
+        stable=np.array([p.stable for p in poles], np.bool_),
+        spectrum_hz=np.asarray(np.fft.rfftfreq(len(pieces), 1.0 / coordinates.rate_hz), np.float64),
+        spectrum=np.sqrt(np.mean(spectrum**2, axis=1)),
+    )

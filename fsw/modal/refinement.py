@@ -1,0 +1,133 @@
+"""Maximum likelihood refinement of a free decay: damped sinusoids and a drift polynomial, by separable least
+squares.
+
+The linear unknowns (amplitude and phase in every coordinate, drift) are eliminated: only the poles are
+searched (variable projection, Golub and Pereyra 1973, with Kaufman's Jacobian). Time stamps are used as they
+are: gaps and jitter cost nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+ITERATIONS = 25
+# Relative fall of the cost below which the search has arrived.
+ARRIVED = 1e-13
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted record: poles (m,) 1/s; coefficients (2 m + d, p): per mode cosine and sine, then drift;
+    residual (T, p).
+
+    orthonormal (T, 2 m + d) spans the linear model, triangle is its R; information (2 m, 2 m) is the Fisher
+    information of the poles' (Re, Im), interleaved, for unit noise in every coordinate.
+    """
+
+    poles: ComplexArray
+    coefficients: FloatArray
+    residual: FloatArray
+    orthonormal: FloatArray
+    triangle: FloatArray
+    information: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals."""
+        return float(np.sum(self.residual**2))
+
+
+def model_basis(time_s: FloatArray, poles: ComplexArray, drift_degree: int) -> FloatArray:
+    """Columns (T, 2 m + drift_degree + 1): real and imaginary part of exp(s t) per pole, then Legendre's."""
+    waves = np.exp(time_s[:, None] * poles)
+    columns = np.empty((len(time_s), 2 * len(poles)))
+    columns[:, 0::2], columns[:, 1::2] = waves.real, waves.imag
+    span = max(float(time_s[-1] - time_s[0]), 1e-300)
+    drift = np.polynomial.legendre.legvander(2.0 * (time_s - time_s[0]) / span - 1.0, drift_degree)
+    return np.hstack([columns, drift])
+
+
+def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:
+    """Best linear fit for given poles, with the Fisher information of the poles.
+
+    time_s (T,), signals (T, p) of unit noise variance (whitened), poles (m,) 1/s with Im > 0.
+    """
+    basis = model_basis(time_s, poles, drift_degree)
+    Q, R = np.linalg.qr(basis)
+    floor = 1e-12 * float(np.max(np.abs(np.diag(R))))
+    diagonal = np.diag(R).copy()
+    R = R + np.diag(np.where(np.abs(diagonal) < floor, np.copysign(floor, diagonal) - diagonal, 0.0))
+    weights = Q.T @ signals
+    X = scipy.linalg.solve_triangular(R, weights)
+    residual = signals - Q @ weights
+    count = 2 * len(poles)
+    E = time_s[:, None] * basis[:, :count]
+    E -= Q @ (Q.T @ E)
+    return Fit(poles, X, residual, Q, R, _information(E.T @ E, pole_directions(X, len(poles))))
+
+
+def pole_directions(X: FloatArray, modes: int) -> FloatArray:
+    """Coefficients (2 m, 2, p) of (t cos, t sin) in the model's derivatives by Re s and Im s of each mode."""
+    directions = np.empty((2 * modes, 2, X.shape[1]))
+    cosine, sine = X[0 : 2 * modes : 2], X[1 : 2 * modes : 2]
+    directions[0::2, 0], directions[0::2, 1] = cosine, sine
+    directions[1::2, 0], directions[1::2, 1] = sine, -cosine
+    return directions
+
+
+def _information(gram: FloatArray, directions: FloatArray) -> FloatArray:
+    """Gauss-Newton matrix from the Gram matrix of (t cos, t sin) outside the linear model's span."""
+    count = len(directions)
+    mode = np.repeat(np.arange(count // 2), 2)
+    blocks = gram.reshape(count // 2, 2, count // 2, 2)[mode][:, :, mode]  # (k, 2, l, 2)
+    return np.einsum("klbp,lbp->kl", np.einsum("kap,kalb->klbp", directions, blocks), directions)
+
+
+def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:
+    """Poles of least squares, from starting values, by damped Gauss-Newton steps (Levenberg-Marquardt) of
+    bounded count.
+
+    time_s (T,) true stamps from 0; signals (T, p) whitened; poles (m,) 1/s. A step changes a pole by at most
+    1.5 / T.
+    """
+    fit = project(time_s, signals, poles, drift_degree)
+    if len(poles) == 0:
+        return fit
+    longest = 1.5 / max(float(time_s[-1]), 1e-300)
+    damping = 1e-6
+    for _ in range(ITERATIONS):
+        count = 2 * len(poles)
+        E = time_s[:, None] * model_basis(time_s, fit.poles, 0)[:, :count]
+        pull = (E.T @ fit.residual).reshape(len(poles), 2, -1).repeat(2, axis=0)
+        gradient = np.sum(pole_directions(fit.coefficients, len(poles)) * pull, axis=(1, 2))
+        scale = np.diag(fit.information) + 1e-300
+        step = np.linalg.lstsq(fit.information + damping * np.diag(scale), gradient, rcond=1e-14)[0]
+        step *= min(1.0, longest / max(float(np.max(np.abs(step))), 1e-300))
+        trial = project(time_s, signals, fit.poles + step[0::2] + 1j * step[1::2], drift_degree)
+        if np.isfinite(trial.cost) and trial.cost <= fit.cost:
+            gain = fit.cost - trial.cost
+            fit, damping = trial, max(damping * 0.1, 1e-12)
+            if gain <= ARRIVED * fit.cost:
+                break
+        else:
+            damping = max(damping * 10.0, 1e-6)
+            if damping > 1e8:
+                break
+    return fit
+
+
+def significance(fit: Fit) -> FloatArray:
+    """Wald statistic (m,) of each mode's amplitudes given the others: chi-square, 2 p degrees, for white noise."""
+    count = len(fit.poles)
+    inverse = scipy.linalg.solve_triangular(fit.triangle, np.eye(len(fit.triangle)))
+    covariance = inverse @ inverse.T
+    values = np.empty(count)
+    for j in range(count):
+        X = fit.coefficients[2 * j : 2 * j + 2]
+        values[j] = np.sum(X * np.linalg.lstsq(covariance[2 * j : 2 * j + 2, 2 * j : 2 * j + 2], X, rcond=None)[0])
+    return values

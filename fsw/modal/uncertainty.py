@@ -1,0 +1,129 @@
+"""Intervals that tell the truth: Cramer-Rao, Au's law for ambient response, coloured noise, time variation."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.refinement import Fit, pole_directions, project
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Frequencies beside a mode, in units of 1 / T, at which the residual tells the noise: near enough to feel
+# its colour, but not the line itself, which the fit has emptied.
+_BESIDE = np.concatenate([np.arange(-11.0, -1.0), np.arange(2.0, 12.0)])
+# The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
+# so many.
+_PRIOR_SAMPLES = 10.0
+
+
+def pole_to_modal(s: complex) -> FloatArray:
+    """Derivatives (2, 2) of (frequency_hz, damping_ratio) by (Re s, Im s)."""
+    a, w, r = s.real, s.imag, abs(s)
+    return np.array([[a / (2.0 * np.pi * r), w / (2.0 * np.pi * r)], [-(w**2) / r**3, a * w / r**3]])
+
+
+def modal_sigmas(poles: ComplexArray, information: FloatArray, noise: FloatArray) -> FloatArray:
+    """Standard deviations (m, 2) of frequency in Hz and damping ratio.
+
+    information (2 m, 2 m): Fisher information of (Re, Im) pairs for unit noise; noise (m,): the noise's
+    power beside each mode.
+    """
+    covariance = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
+    sigmas = np.empty((len(poles), 2))
+    for j, s in enumerate(poles):
+        J = pole_to_modal(complex(s))
+        block = J @ covariance[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] @ J.T
+        sigmas[j] = np.sqrt(np.maximum(np.diag(block), 0.0) * noise[j])
+    return sigmas
+
+
+def cramer_rao_decay(time_s: FloatArray, clean: FloatArray, poles: ComplexArray, noise_sigma: float) -> FloatArray:
+    """Cramer-Rao standard deviations (m, 2) of frequency and damping for a free decay in white noise.
+
+    time_s (T,); clean (T, M) noise-free signals that are sums of damped sinusoids at the poles (m,);
+    noise_sigma in the signals' unit.
+    """
+    fit = project(time_s, clean / noise_sigma, poles, 0)
+    return modal_sigmas(poles, fit.information, np.ones(len(poles)))
+
+
+def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tuple[float, float]:
+    """Least coefficients of variation of frequency and damping ratio from stationary response to white noise.
+
+    Long data, wide band, high signal-to-noise ratio. Source: Au, 2014, uncertainty law in ambient modal
+    identification.
+    """
+    cycles = frequency_hz * duration_s
+    return (damping_ratio / (2.0 * np.pi * cycles)) ** 0.5, (2.0 * np.pi * damping_ratio * cycles) ** -0.5
+
+
+def direction(fit: Fit, mode: int) -> FloatArray:
+    """Unit vector (p,) of the coordinates along which a mode moves most."""
+    _, _, Vt = np.linalg.svd(fit.coefficients[2 * mode : 2 * mode + 2], full_matrices=False)
+    return Vt[0]
+
+
+def noise_beside(time_s: FloatArray, residual: FloatArray, along: FloatArray, frequency_hz: float) -> float:
+    """Power of the residual beside a frequency, along one direction of the coordinates; 1 for white noise of
+    unit variance.
+
+    residual (T, p) whitened. True stamps: a plain sum of exponentials needs no even grid.
+    """
+    beside_hz = frequency_hz + _BESIDE / float(time_s[-1])
+    beside_hz = beside_hz[beside_hz > 0.0]
+    waves = np.exp(-2j * np.pi * beside_hz[:, None] * time_s)
+    overall = float(np.mean(np.abs(waves @ residual) ** 2)) / len(time_s)
+    own = np.abs(waves @ (residual @ along)) ** 2 / len(time_s)
+    return float((np.sum(own) + _PRIOR_SAMPLES * overall) / (len(own) + _PRIOR_SAMPLES))
+
+
+def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
+    """Share of the energy about a mode's frequency that its damped sinusoid explains, 0 to 1.
+
+    The band is the mode's own width, at least 3 / T to either side: a frequency that wanders leaves its
+    energy there.
+    """
+    along = direction(fit, mode)
+    s = complex(fit.poles[mode])
+    half = max(3.0 / float(time_s[-1]), abs(s.real) / np.pi)
+    band_hz = s.imag / (2.0 * np.pi) + np.linspace(-half, half, 25)
+    waves = np.exp(-2j * np.pi * band_hz[:, None] * time_s)
+    wave = np.exp(s * time_s)
+    X = fit.coefficients[2 * mode : 2 * mode + 2] @ along
+    model = np.sum(np.abs(waves @ (wave.real * X[0] + wave.imag * X[1])) ** 2)
+    rest = np.sum(np.abs(waves @ (fit.residual @ along)) ** 2)
+    return float(model / (model + rest)) if model > 0.0 else 0.0
+
+
+def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
+    """Change of a mode's frequency in Hz while it can be seen, and its standard deviation.
+
+    The score test of a linear frequency ramp: the residual is projected on the model's derivative by the
+    ramp, outside all that the model can already do. "While it can be seen": three time constants, or the
+    record.
+    """
+    modes = len(fit.poles)
+    s = complex(fit.poles[mode])
+    wave = np.exp(s * time_s)
+    X = fit.coefficients[2 * mode : 2 * mode + 2]
+    half_square = 0.5 * time_s**2
+    ramp = half_square[:, None] * (np.outer(wave.real, X[1]) - np.outer(wave.imag, X[0]))
+    ramp = ramp - fit.orthonormal @ (fit.orthonormal.T @ ramp)
+    all_waves = np.exp(time_s[:, None] * fit.poles)
+    E = time_s[:, None] * np.stack([all_waves.real, all_waves.imag], axis=2).reshape(len(time_s), -1)
+    E -= fit.orthonormal @ (fit.orthonormal.T @ E)
+    # Remove what the poles' own derivatives can explain, without building them: all is done in their Gram
+    # matrices.
+    pull = (E.T @ ramp).reshape(modes, 2, -1).repeat(2, axis=0)
+    directions = pole_directions(fit.coefficients, modes)
+    share = np.linalg.lstsq(fit.information, np.sum(directions * pull, axis=(1, 2)), rcond=1e-14)[0]
+    coefficients = (share[:, None, None] * directions).reshape(modes, 2, 2, -1).sum(axis=1)
+    ramp = ramp - E @ coefficients.reshape(2 * modes, -1)
+    energy = float(np.sum(ramp**2))
+    if energy <= 0.0:
+        return 0.0, np.inf
+    rate = float(np.sum(ramp * fit.residual)) / energy
+    noise = noise_beside(time_s, fit.residual - rate * ramp, direction(fit, mode), s.imag / (2.0 * np.pi))
+    seen_s = min(float(time_s[-1]), 3.0 / max(-s.real, 1e-12))
+    to_hz = seen_s / (2.0 * np.pi)
+    return rate * to_hz, (noise / energy) ** 0.5 * to_hz

@@ -1,0 +1,1 @@
+"""Tables: schema, validation and loading of configuration."""

@@ -1,0 +1,1 @@
+"""Tasks: one file each, thin shells round the pure functions."""

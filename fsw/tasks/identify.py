@@ -1,0 +1,106 @@
+"""identify: the displacement history to modes, beside the ticks; its result appears at a fixed later tick."""
+
+import numpy as np
+
+from fsw.modal.pipeline import identify
+from fsw.modal.result import ModalResult, Options
+from fsw.tables.flight import IdentifyTable
+from fsw.tasks.state import Estimate, State
+from telemetry.dictionary import (
+    AMPLITUDE_COHERENCE,
+    AMPLITUDE_MM,
+    DAMPING_RATIO,
+    DAMPING_RATIO_SIGMA,
+    ESTIMATE_FLAGS,
+    ESTIMATE_TICK,
+    ESTIMATE_TIME_US,
+    FREQUENCY_HZ,
+    FREQUENCY_SIGMA_HZ,
+    MODE_COUNT,
+    MODE_SLOTS,
+    OBSERVABLE,
+    RECORD_SAMPLES,
+    flag_bits,
+)
+
+NAN = float("nan")
+LEAST_SHARE = 0.8  # of the record's ticks in which a cell must have been measured to take part
+
+
+class Identify:
+    """Sets the history aside, identifies on the worker thread, shows the estimate at its delivery."""
+
+    name = "identify"
+
+    def __init__(self, state: State, table: IdentifyTable) -> None:
+        self._state, self._table = state, table
+        count = state.tracker.grid.count
+        self._time_ns = np.zeros(table.history_ticks, np.int64)
+        self._xyz_mm = np.zeros((table.history_ticks, count, 3))
+        self._samples = self._tick = self._taken_ns = 0
+        self._result: ModalResult | None = None
+        self._options = Options(
+            coordinates=table.coordinates,
+            block_rows=table.block_rows,
+            order=table.order,
+            drift_degree=table.drift_degree,
+            most_modes=min(table.most_modes, MODE_SLOTS),
+            minimum_amplitude=table.minimum_amplitude_mm,
+        )
+
+    def init(self) -> None:
+        """Identify a short made-up decay, so that libraries and kernels are ready."""
+        t = np.arange(self._table.least_ticks) * 0.1
+        identify(t, (np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.ones(4), "decay", self._options)
+
+    def take(self, tick: int) -> bool:
+        """Copy the history; False while it is too short."""
+        state = self._state
+        self._samples = min(len(state.history_time_ns), self._table.history_ticks)
+        if self._samples < self._table.least_ticks:
+            return False
+        np.copyto(self._time_ns[: self._samples], state.history_time_ns.latest(self._samples))
+        np.copyto(self._xyz_mm[: self._samples], state.history_xyz_mm.latest(self._samples))
+        self._tick, self._taken_ns = tick, state.time_ns
+        return True
+
+    def work(self) -> None:
+        """Identify the copied record."""
+        time_ns, xyz = self._time_ns[: self._samples], self._xyz_mm[: self._samples]
+        measured = np.isfinite(xyz[:, :, 0])
+        cells = measured.mean(axis=0) >= LEAST_SHARE
+        if not cells.any():
+            self._result = None
+            return
+        y = xyz[:, cells].reshape(self._samples, -1)
+        time_s = (time_ns - time_ns[0]) * 1e-9
+        self._result = identify(time_s, y, self._table.kind, self._options)
+
+    def deliver(self, tick: int) -> None:
+        """Show the estimate."""
+        if self._result is None:
+            return
+        state = self._state
+        state.estimate = Estimate(self._result, self._tick, self._taken_ns, self._samples)
+        state.new_estimate = True
+        show(state, state.estimate)
+
+
+def show(state: State, estimate: Estimate) -> None:
+    """Put an estimate's values on the board; whether they are valid is for protect to say."""
+    state.shown = estimate
+    board, result = state.board, estimate.result
+    board.set(ESTIMATE_TICK, estimate.tick)
+    board.set(ESTIMATE_TIME_US, estimate.time_ns // 1000)
+    board.set(MODE_COUNT, len(result.modes))
+    board.set(RECORD_SAMPLES, result.record.samples)
+    board.set(ESTIMATE_FLAGS, flag_bits(result.flags))
+    board.set(OBSERVABLE, 0.0 if "not_observable" in result.flags else 1.0)
+    for slot in range(MODE_SLOTS):
+        mode = result.modes[slot] if slot < len(result.modes) else None
+        board.set(FREQUENCY_HZ, mode.frequency_hz if mode else NAN, slot)
+        board.set(FREQUENCY_SIGMA_HZ, mode.frequency_sigma_hz if mode else NAN, slot)
+        board.set(DAMPING_RATIO, mode.damping_ratio if mode else NAN, slot)
+        board.set(DAMPING_RATIO_SIGMA, mode.damping_ratio_sigma if mode else NAN, slot)
+        board.set(AMPLITUDE_MM, mode.amplitude if mode else NAN, slot)
+        board.set(AMPLITUDE_COHERENCE, mode.amplitude_coherence if mode else NAN, slot)

@@ -1,0 +1,85 @@
+"""match: which cell of the left image is which of the right one and of the frame before, and how good the scene is."""
+
+import numpy as np
+
+from fsw.tables.flight import VisionTable
+from fsw.tasks.state import State
+from fsw.vision.enhancement import char
+from fsw.vision.matching import (
+    count_correct,
+    describe,
+    fit_homography,
+    make_matching,
+    match_descriptors,
+    queue_variance,
+)
+from fsw.vision.quality import comprehensive_matching, matching_uniqueness, precision_recall
+from telemetry.dictionary import CHAR, CMP, MU, PRECISION, RECALL
+
+NAN = float("nan")
+LEFT, RIGHT = 0, 1
+
+
+class Match:
+    """Descriptors in the equivalent view (Eq. 13, 21-23), matches, and char, P, R, MU, CMP (Eq. 15-30)."""
+
+    name = "match"
+
+    def __init__(self, state: State, table: VisionTable) -> None:
+        self._state, self._table = state, table
+        grid = state.tracker.grid
+        panel, column, row = grid.cell.T
+        panels = grid.panels
+        self._pitch_mm = np.array([panels[p].pitch_mm for p in panel])
+        # The boundary before a cell: where its panel begins along X (root or fold gap), and the lower one along Y.
+        self._boundary_mm = np.array([panels[p].origin_mm for p in panel])
+        columns = np.cumsum([0, *(p.columns for p in panels)])
+        rows = np.cumsum([0, *(p.rows for p in panels)])
+        self._column, self._row = columns[panel] + column, rows[panel] + row
+        self._work = make_matching(grid.count, int(max(columns[-1], rows[-1])))
+        self._flat_mm = np.ascontiguousarray(grid.centre_mm)
+        state.matched = np.zeros(grid.count, np.bool_)
+
+    def init(self) -> None:
+        """The kernels run once, so that no tick compiles anything."""
+        self._measure()
+        self._work.before_mm.fill(NAN)
+
+    def run(self, tick: int, time_ns: int) -> None:
+        """Match this tick's cells; without a measured pair there is nothing to compare with in the next frame."""
+        if self._state.measured:
+            self._measure()
+            return
+        self._work.before_mm.fill(NAN)
+        self._state.matched.fill(False)
+        for point in (CHAR, MU, CMP, PRECISION, RECALL):
+            self._state.board.set(point, NAN)
+
+    def _measure(self) -> None:
+        state, work, tracker = self._state, self._work, self._state.tracker
+        for eye in (LEFT, RIGHT):
+            H, expected = work.to_wing[eye], tracker.expected_centre_px[eye]
+            fit_homography(expected, self._flat_mm, tracker.wanted, work.matrix, work.right, H)
+            found, centre = tracker.cells[eye].found, tracker.centre_px[eye]
+            describe(centre, found, H, self._boundary_mm, work.descriptor_mm[eye])
+        detected = tracker.both_found()
+        match_descriptors(work, self._pitch_mm, state.matched)
+        side_px = tracker.cell_side_px(RIGHT)
+        correct = count_correct(work, tracker.centre_px[LEFT], tracker.centre_px[RIGHT], state.matched, side_px)
+        self._judge(correct, detected, tracker.expected_count)
+
+    def _judge(self, correct: int, detected: int, total: int) -> None:
+        """Eq. 15-30; detected: cells found in both eyes; total: cells whose centres both eyes should see."""
+        state, work = self._state, self._work
+        precision, recall = precision_recall(correct, detected, total)
+        mu = matching_uniqueness(precision, recall, self._table.precision_weight)
+        scale = state.tracker.px_per_mm(LEFT)
+        left = work.descriptor_mm[LEFT]
+        in_column = queue_variance(left[:, 0], self._column, state.matched, scale, work.queue)
+        in_row = queue_variance(left[:, 1], self._row, state.matched, scale, work.queue)
+        scene = char(in_column, in_row)
+        state.board.set(CHAR, scene)
+        state.board.set(MU, mu)
+        state.board.set(CMP, comprehensive_matching(scene, mu))
+        state.board.set(PRECISION, precision)
+        state.board.set(RECALL, recall)

@@ -1,0 +1,1 @@
+"""Vision on cell grids: pure functions on arrays."""

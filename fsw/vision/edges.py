@@ -1,0 +1,261 @@
+"""Cell edges to a few thousandths of a pixel: the four sides of each cell, fitted near where they are expected.
+
+A side is cut into short segments. The pixels of a segment are sorted by their distance from the expected edge into fine
+bins, and one model of an edge is fitted to the bins: cell | line | next cell, or cell | border, blurred by the lens. A
+straight line through the segments is the side; sides that meet give the corners. Everything is measured in ideal
+pixels, so a straight side is straight whatever the lens does.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Image = NDArray[Any]  # uint8 or uint16, (height, width)
+Point = tuple[float, float]
+
+BIN_PX = 0.25  # fine against the blur of any lens, coarse against the cost
+BINS = 128  # 32 px: the widest window, in bins
+SEGMENTS = 6  # at most, on a side
+FIT_STEPS = 5  # Gauss-Newton steps of one edge model
+MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else's
+
+# Rows of Scratch.pooled: Gauss-Newton sums that correct the blur, and the relative width of the lines that run
+# along X (sides 0 and 2) and along Y (sides 1 and 3).
+BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y = 0, 1, 2
+
+
+class Scratch(NamedTuple):
+    """Working memory of one eye's fits, taken once."""
+
+    total: FloatArray  # (BINS,) of the pixels in a bin: sum of grey values,
+    place: FloatArray  # (BINS,) sum of distances from the expected edge, outwards positive,
+    number: FloatArray  # (BINS,) and how many
+    normal: FloatArray  # (4, 4) normal equations
+    right: FloatArray  # (4,) and their right side
+    segments: FloatArray  # (SEGMENTS, 3) place along the side (-0.5 .. 0.5), offset, variance
+    pooled: FloatArray  # (3, 2) numerator and denominator of the steps of BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y
+
+
+def make_scratch() -> Scratch:
+    """Take the working memory."""
+    shapes: tuple[tuple[int, ...], ...] = ((BINS,), (BINS,), (BINS,), (4, 4), (4,), (SEGMENTS, 3), (3, 2))
+    return Scratch(*(np.zeros(shape) for shape in shapes))
+
+
+class EdgeFit(NamedTuple):
+    """One fitted edge: found at all, offset from the expected place, its variance, grey of cell and line, residual."""
+
+    good: bool
+    offset_px: float
+    variance_px2: float
+    inside: float
+    line: float
+    residual: float
+
+
+_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+# The blurred step is tabulated over +-8 px at steps of 1/64 px: straight interpolation is then right to 2e-5.
+STEP_REACH_PX = 8.0
+STEP_PER_PX = 64
+STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
+_PIXEL = 0.5  # half of the pixel over which the sensor averages
+
+
+@njit(cache=True, nogil=True)
+def tabulate_step(blur_px: float, out: FloatArray) -> None:
+    """Fill out (STEP_ROWS, 3) with a unit step seen through lens and pixel, its slope, and its change with blur.
+
+    The lens blurs by a Gaussian of standard deviation blur_px, the pixel averages over its width.
+    """
+    for i in range(STEP_ROWS):
+        x = i / STEP_PER_PX - STEP_REACH_PX
+        value, slope, change = 0.0, 0.0, 0.0
+        for side in (1.0, -1.0):
+            z = (x + side * _PIXEL) / blur_px
+            cdf = 0.5 * math.erfc(-z / math.sqrt(2.0))
+            pdf = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+            value += side * blur_px * (z * cdf + pdf)
+            slope += side * cdf
+            change += side * pdf
+        out[i, 0], out[i, 1], out[i, 2] = value, slope, change
+
+
+@njit(cache=True, nogil=True)
+def _look_up(step: FloatArray, x: float) -> tuple[float, float, float]:
+    """Blurred unit step, slope and change with blur at x px, from the table."""
+    place = (x + STEP_REACH_PX) * STEP_PER_PX
+    if place <= 0.0:
+        return 0.0, 0.0, 0.0
+    i = int(place)
+    if i >= STEP_ROWS - 1:
+        return 1.0, 0.0, 0.0
+    f = place - i
+    a, b = step[i], step[i + 1]
+    return a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2])
+
+
+@njit(cache=True, nogil=True)
+def solve(A: FloatArray, b: FloatArray, n: int) -> bool:
+    """Solve the symmetric A x = b in place by Cholesky; A keeps its factor, b becomes x. False if A is not definite."""
+    for i in range(n):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            if i == j:
+                if s <= 1e-12 * (1.0 + abs(A[i, i])):
+                    return False
+                A[i, i] = math.sqrt(s)
+            else:
+                A[i, j] = s / A[j, j]
+    for i in range(n):
+        for k in range(i):
+            b[i] -= A[i, k] * b[k]
+        b[i] /= A[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= A[k, i] * b[k]
+        b[i] /= A[i, i]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: float, width_row: int) -> EdgeFit:
+    """Fit cell | line | next cell (width_px > 0) or cell | border (width_px = 0) to the gathered bins.
+
+    step: the table of tabulate_step. blur_px: the whole blur, lens and pixel. width_row: WIDTH_ALONG_X or
+    WIDTH_ALONG_Y, which pooled sum the line's width belongs to.
+    """
+    total, place, count, A, b = scratch.total, scratch.place, scratch.number, scratch.normal, scratch.right
+    n = 4 if width_px > 0.0 else 3
+    used = 0
+    for i in range(BINS):
+        used += count[i] > 0
+    if used < n + 2:
+        return _NO_EDGE
+    offset, inside, line, beyond = 0.0, 0.0, 0.0, 0.0
+    squares, previous = 0.0, 0.0
+    for turn in range(FIT_STEPS + 1):
+        # Parameters: cell, line, (next cell,) offset. At turn 0 the offset is held: grey values alone are found.
+        for i in range(n):
+            b[i] = 0.0
+            for j in range(n):
+                A[i, j] = 0.0
+        squares = 0.0
+        blur_num, blur_den, width_num, width_den = 0.0, 0.0, 0.0, 0.0
+        for i in range(BINS):
+            c = count[i]
+            if c == 0:
+                continue
+            x = place[i] / c - offset
+            s1, d1, blur1 = _look_up(step, x)
+            s2, d2, blur2 = 0.0, 0.0, 0.0
+            if n == 4:
+                s2, d2, blur2 = _look_up(step, x - width_px)
+            j_inside, j_line, j_beyond = 1.0 - s1, s1 - s2, s2
+            j_offset = -((line - inside) * d1 + (beyond - line) * d2)
+            r = total[i] / c - (inside * j_inside + line * j_line + beyond * j_beyond)
+            squares += c * r * r
+            if turn == FIT_STEPS:
+                j_blur = (line - inside) * blur1 + (beyond - line) * blur2
+                blur_num += c * r * j_blur
+                blur_den += c * j_blur * j_blur
+                if n == 4:
+                    j_width = -(beyond - line) * d2 * width_px  # per unit of relative width
+                    width_num += c * r * j_width
+                    width_den += c * j_width * j_width
+            if turn == 0:
+                j_offset = 0.0
+            last = n - 1
+            A[0, 0] += c * j_inside * j_inside
+            A[1, 0] += c * j_line * j_inside
+            A[1, 1] += c * j_line * j_line
+            if n == 4:
+                A[2, 0] += c * j_beyond * j_inside
+                A[2, 1] += c * j_beyond * j_line
+                A[2, 2] += c * j_beyond * j_beyond
+                A[3, 2] += c * j_offset * j_beyond
+                b[2] += c * r * j_beyond
+            A[last, 0] += c * j_offset * j_inside
+            A[last, 1] += c * j_offset * j_line
+            A[last, last] += c * j_offset * j_offset
+            b[0] += c * r * j_inside
+            b[1] += c * r * j_line
+            b[last] += c * r * j_offset
+        if turn == 0:
+            A[n - 1, n - 1] = 1.0
+        if not solve(A, b, n):
+            return _NO_EDGE
+        if turn == FIT_STEPS:
+            scratch.pooled[BLUR, 0] += blur_num
+            scratch.pooled[BLUR, 1] += blur_den
+            scratch.pooled[width_row, 0] += width_num
+            scratch.pooled[width_row, 1] += width_den
+            break
+        inside += b[0]
+        line += b[1]
+        if n == 4:
+            beyond += b[2]
+        previous = min(max(b[n - 1], -blur_px), blur_px)  # a longer step would leave the slope of the edge
+        offset += previous
+        if abs(offset) > MAX_WALK_PX:
+            return _NO_EDGE
+    if abs(previous) > 0.05:
+        return _NO_EDGE
+    residual2 = squares / (used - n)
+    # The offset is the last unknown, so its variance is the inverse square of the factor's last pivot.
+    return EdgeFit(True, offset, residual2 / (A[n - 1, n - 1] ** 2), inside, line, math.sqrt(residual2))
+
+
+@njit(cache=True, nogil=True)
+def gather(
+    image: Image,
+    ends: tuple[Point, Point],
+    gain: float,
+    vertical: bool,
+    window_px: Point,
+    stride: int,
+    scratch: Scratch,
+) -> bool:
+    """Sort the pixels round the image line between `ends` into bins of their distance from it.
+
+    Pixels are taken whole, along image columns (vertical) or rows, so that no interpolation blurs or correlates them.
+    gain: ideal distance from the edge per image pixel along that axis. window_px: reach inwards and outwards.
+    Returns whether the window lay inside the image.
+    """
+    total, place, count = scratch.total, scratch.place, scratch.number
+    inner_px, outer_px = window_px
+    total[:] = 0.0
+    place[:] = 0.0
+    count[:] = 0.0
+    e0, e1 = ends
+    along, across = (0, 1) if vertical else (1, 0)
+    limit_along, limit_across = (image.shape[1], image.shape[0]) if vertical else image.shape
+    a0, a1 = e0[along], e1[along]
+    slope = (e1[across] - e0[across]) / (a1 - a0)
+    lo, hi = (a0, a1) if a0 < a1 else (a1, a0)
+    reach_in, reach_out = inner_px / abs(gain), outer_px / abs(gain)
+    before, after = (reach_in, reach_out) if gain > 0 else (reach_out, reach_in)
+    inside = True
+    for a in range(math.ceil(lo), math.floor(hi) + 1, stride):
+        if a < 0 or a >= limit_along:
+            inside = False
+            continue
+        centre = e0[across] + (a - a0) * slope
+        start, stop = math.ceil(centre - before), math.floor(centre + after)
+        if start < 0 or stop >= limit_across:
+            inside = False
+            start, stop = max(start, 0), min(stop, limit_across - 1)
+        for c in range(start, stop + 1):
+            distance = (c - centre) * gain
+            k = int((distance + inner_px) / BIN_PX)
+            if 0 <= k < BINS:
+                total[k] += image[c, a] if vertical else image[a, c]
+                place[k] += distance
+                count[k] += 1.0
+    return inside

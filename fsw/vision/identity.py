@@ -1,0 +1,180 @@
+"""Which cell is which in one eye: every assignment of a lattice to the wing that the eye cannot rule out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fsw.vision.cells import centres_of
+from fsw.vision.grid import CellGrid
+from fsw.vision.lattice import Lattice
+from fsw.vision.surface import Warp, fit_warp
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# A column's two steps, whose ratio differs from the wing's by more than this, contradict the assignment: 0.4 of what the
+# wing's narrowest fold gap makes, within these limits (perspective alone brings 1-2 %)...
+_STEP = (0.03, 0.12)
+_STEP_ROWS = 2  # ...if at least so many rows show it
+_AT = 0.2  # a cell stands within this part of a pitch from its place on the surface
+_CORNER = 0.12  # its corners likewise, in parts of the cell's smaller size
+_CROWD = 4  # so many linked cells are no accident: the wing must explain them
+_HOPELESS = (8, 0.12)  # an assignment that contradicts more cells than this, and this part of them, is dropped at once
+_REACHES = (
+    2.5,
+    5.0,
+    10.0,
+)  # pitches from known cells at which further ones are looked for, the next only after the last
+
+
+@dataclass(frozen=True)
+class Table:
+    """Panels whose rows run on: cell (G, R) by column from the root and by row; step_mm (G - 1,) between columns."""
+
+    cell: IntArray
+    step_mm: FloatArray
+    pitch_mm: tuple[float, float]
+    cell_mm: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Labelling:
+    """One assignment in one eye. label (K,): cell of each quadrilateral, or -1. contradicted: cells that speak against it."""
+
+    label: IntArray
+    contradicted: int
+    warp: Warp
+
+
+def tables(grid: CellGrid) -> list[Table]:
+    """The wing's panels as tables: neighbours that share rows, pitch and cell size in one, others apart."""
+    result: list[Table] = []
+    first = 0
+    for p, panel in enumerate(grid.panels):
+        cell = first + np.arange(panel.columns * panel.rows).reshape(panel.columns, panel.rows)
+        first += cell.size
+        before = grid.panels[p - 1]
+        alike = p > 0 and (before.rows, before.pitch_mm, before.cell_mm) == (panel.rows, panel.pitch_mm, panel.cell_mm)
+        if alike and abs(before.origin_mm[1] - panel.origin_mm[1]) < 0.05 * panel.pitch_mm[1]:
+            cell = np.concatenate((result.pop().cell, cell))
+        step = np.diff(grid.centre_mm[cell[:, 0], 0])
+        result.append(Table(cell, step, panel.pitch_mm, panel.cell_mm))
+    return result
+
+
+def labellings(
+    corners_mm: FloatArray, lattices: Sequence[Lattice], table: Sequence[Table], grid: CellGrid, bound_mm: FloatArray
+) -> tuple[list[Labelling], int]:
+    """Assignments of the largest lattice, and of all that then fits, to the wing.
+
+    corners_mm (K, 4, 2): quadrilaterals in the metric view; lattices: theirs, largest first. bound_mm (2,): how far the view
+    may displace a cell. Also returns how many cells contradict the least wrong assignment that was dropped.
+    """
+    centre = centres_of(corners_mm)
+    main = lattices[0]
+    hopeless = max(_HOPELESS[0], int(_HOPELESS[1] * len(main.member)))
+    crowd = np.zeros(len(centre), dtype=np.bool_)
+    for lattice in lattices:
+        crowd[lattice.member] = len(lattice.member) >= _CROWD
+    size = main.place.max(axis=0) + 1
+    held = np.zeros(size + 1, dtype=np.int64)
+    held[main.place[:, 0] + 1, main.place[:, 1] + 1] = 1
+    held = held.cumsum(axis=0).cumsum(axis=1)
+    ratios = _column_ratios(main)
+    found = []
+    dropped = len(main.member)
+    for one in table:
+        for g in range(-int(size[0]) + 1, one.cell.shape[0]):
+            for r in range(-int(size[1]) + 1, one.cell.shape[1]):
+                low = np.clip((-g, -r), 0, size)
+                high = np.clip(np.array(one.cell.shape) - (g, r), 0, size)
+                on_wing = held[high[0], high[1]] - held[low[0], high[1]] - held[high[0], low[1]] + held[low[0], low[1]]
+                off = len(main.member) - int(on_wing)
+                if off > 2 * hopeless or on_wing < _CROWD:
+                    dropped = min(dropped, off)
+                    continue
+                at = main.place + (g, r)
+                on = np.all((at >= 0) & (at < one.cell.shape), axis=1)
+                cell = one.cell[at[on, 0], at[on, 1]]
+                shift = np.median(centre[main.member[on]] - grid.centre_mm[cell], axis=0)
+                if np.any(np.abs(shift) > bound_mm):
+                    continue
+                wrong = off + _false_steps(ratios, one, g)
+                if wrong > hopeless:
+                    dropped = min(dropped, wrong)
+                    continue
+                label = np.full(len(centre), -1, dtype=np.int64)
+                label[main.member[on]] = cell
+                warp = _take_in(label, centre, grid)
+                unexplained = int((crowd & (label < 0)).sum()) - off
+                found.append(Labelling(label, wrong + max(unexplained, 0), warp))
+    return found, dropped
+
+
+def _column_ratios(lattice: Lattice) -> list[tuple[int, int, float]]:
+    """Of each column between two others: its number, how many rows show the ratio of its two steps, and their median."""
+    has = np.isfinite(lattice.ratio_x)
+    column, ratio = lattice.place[has, 0], lattice.ratio_x[has]
+    shown = ((int(c), ratio[column == c]) for c in np.unique(column))
+    return [(c, len(s), float(np.median(s))) for c, s in shown if len(s) >= _STEP_ROWS]
+
+
+def _false_steps(ratios: Sequence[tuple[int, int, float]], table: Table, first: int) -> int:
+    """Number of cells at fold gaps that should not be there, or without those that should.
+
+    first: the table's column that the lattice's column 0 would be.
+    """
+    step = table.step_mm
+    gaps = np.abs(step / table.pitch_mm[0] - 1.0)
+    gaps = gaps[gaps > _STEP[0]]
+    limit = np.clip(0.4 * gaps.min(), *_STEP) if len(gaps) else _STEP[1]
+    wrong = 0
+    for column, rows, ratio in ratios:
+        c = first + column
+        if 0 < c < len(step) and abs(ratio / (step[c] / step[c - 1]) - 1.0) > limit:
+            wrong += rows
+    return wrong
+
+
+def _take_in(label: IntArray, centre: FloatArray, grid: CellGrid) -> Warp:
+    """Give further quadrilaterals the cell at whose place they stand, nearest first; take the name from those that stand off.
+
+    Writes label (K,); returns the surface's field.
+    """
+    pitch = np.array([p.pitch_mm for p in grid.panels]).min(axis=0)
+    warp, _ = fit_warp(grid, grid.centre_mm[label[label >= 0]], centre[label >= 0])
+    reach = 0
+    while reach < len(_REACHES):
+        open_ = np.flatnonzero(label < 0)
+        free = np.setdiff1d(np.arange(grid.count), label)
+        if not len(open_) or not len(free):
+            break
+        near, _ = cKDTree(centre[label >= 0] / pitch).query(centre[open_] / pitch)
+        open_ = open_[near <= _REACHES[reach]]
+        before = int((label >= 0).sum())
+        if len(open_):
+            miss, nearest = cKDTree(warp(grid.centre_mm[free]) / pitch).query(centre[open_] / pitch)
+            order = np.argsort(miss, kind="stable")
+            cells, first = np.unique(free[nearest[order]], return_index=True)
+            taken = order[first]
+            good = miss[taken] <= _AT
+            label[open_[taken[good]]] = cells[good]
+        if int((label >= 0).sum()) > before:
+            warp, _ = fit_warp(grid, grid.centre_mm[label[label >= 0]], centre[label >= 0])
+            reach = 0
+        else:
+            reach += 1
+    return warp
+
+
+def fitting(label: IntArray, corners_mm: FloatArray, warp: Warp, grid: CellGrid) -> NDArray[np.bool_]:
+    """Quadrilaterals (K,) whose corners, and not only their centre, lie where the surface has those of their cell."""
+    good = label >= 0
+    off = corners_mm[good] - warp(grid.corners_mm[label[good]])
+    corners = grid.corners_mm[label[good]]
+    size = np.minimum(corners[:, 1, 0] - corners[:, 0, 0], corners[:, 3, 1] - corners[:, 0, 1])
+    good[good] = np.linalg.norm(off, axis=2).max(axis=1) <= np.maximum(_CORNER * size, 1.0)
+    return good

@@ -1,0 +1,203 @@
+"""Corners and centre of every cell in one image, from its four sides."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
+from fsw.vision.sides import Lens, fit_segments, straight_side
+
+WINDOW_SIGMAS = 4.0  # the window holds the whole blurred step ...
+WINDOW_PX = 2.0  # ... and this much of the plateau beyond
+RECENTRE_PX = 0.35  # a side found farther off than this is measured again round where it was found
+RECENTRES = 3
+SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share; what stands in for a hidden side is no better
+FLOOR_PX = 0.003  # no side is known better than this: quantisation, lens and model, as one standard deviation
+
+
+class Cells(NamedTuple):
+    """What is measured of all N cells in one eye, in ideal pixels; taken once, written every tick."""
+
+    corners_px: FloatArray  # (N, 4, 2)
+    centre_px: FloatArray  # (N, 2) crossing of the diagonals: the projection of the cell's centre
+    covariance_px2: FloatArray  # (N, 3) of the centre: xx, xy, yy
+    residual_px: FloatArray  # (N,) rms of the segments about their straight sides
+    contrast: FloatArray  # (N,) line minus cell, grey values
+    found: NDArray[np.bool_]  # (N,)
+    whole: NDArray[np.bool_]  # (N,) found, and with all four sides seen
+
+
+def make_cells(count: int) -> Cells:
+    """Take the arrays for `count` cells."""
+    nan = np.nan
+    return Cells(
+        np.full((count, 4, 2), nan),
+        np.full((count, 2), nan),
+        np.full((count, 3), nan),
+        np.full(count, nan),
+        np.full(count, nan),
+        np.zeros(count, dtype=np.bool_),
+        np.zeros(count, dtype=np.bool_),
+    )
+
+
+@njit(cache=True, nogil=True)
+def measure_cells(
+    image: Image,
+    lens: Lens,
+    expected_px: FloatArray,
+    wanted: NDArray[np.bool_],
+    line_ratio: FloatArray,
+    bordering: NDArray[np.bool_],
+    width_scale: FloatArray,
+    dark: bool,
+    stride: int,
+    scratch: Scratch,
+    out: Cells,
+) -> None:
+    """Measure all wanted cells of one image.
+
+    expected_px (N, 4, 2): ideal pixels, right to about the blur. wanted (N,): cells to look for. line_ratio (N, 4):
+    width of the line across each side over the cell's extent across that side (at a border: the panel's usual line).
+    bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the widths along X and along Y.
+    stride: take every so many columns of a side. Results go to `out`. One hidden side (out of view, or under a glint)
+    is put where its opposite and the cell's expected size say, with a wider variance; with two, the cell is not found.
+    """
+    sign = 1.0 if dark else -1.0
+    scratch.pooled[:] = 0.0
+    middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
+    nx, ny, lengths, extents = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    for n in range(len(expected_px)):
+        out.found[n] = out.whole[n] = False
+        out.corners_px[n] = np.nan
+        out.centre_px[n] = np.nan
+        out.covariance_px2[n] = np.nan
+        out.residual_px[n] = np.nan
+        out.contrast[n] = np.nan
+        if not wanted[n]:
+            continue
+        c = expected_px[n]
+        hidden, which, squares, contrast = 0, -1, 0.0, 0.0
+        turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
+        hand = 1.0 if turn > 0.0 else -1.0
+        for k in range(4):
+            k1 = (k + 1) % 4
+            ex, ey = c[k1, 0] - c[k, 0], c[k1, 1] - c[k, 1]
+            length = math.hypot(ex, ey)
+            nx[k], ny[k] = hand * ey / length, -hand * ex / length  # outwards
+            k2, k3 = (k + 2) % 4, (k + 3) % 4
+            opposite = 0.5 * ((c[k2, 0] + c[k3, 0] - c[k, 0] - c[k1, 0]) * nx[k])
+            opposite += 0.5 * ((c[k2, 1] + c[k3, 1] - c[k, 1] - c[k1, 1]) * ny[k])
+            extent = -opposite
+            lengths[k], extents[k] = length, extent
+            width = line_ratio[n, k] * extent * width_scale[k % 2]
+            reach = WINDOW_SIGMAS * lens.blur_px + WINDOW_PX
+            inner = min(reach, 0.45 * extent)
+            if bordering[n, k]:
+                outer, bar = min(reach, max(width, 2.5 * lens.blur_px)), 0.0
+            elif width > reach + 3.0 * lens.blur_px:
+                outer, bar = reach, 0.0  # a wide line is a plateau: its far side tells nothing
+            else:
+                outer, bar = width + inner, width
+            if inner + outer > BINS * BIN_PX:
+                outer = BINS * BIN_PX - inner
+            row = WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y
+            m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
+            for _ in range(RECENTRES):
+                a, b = m - 0.5 * s, m + 0.5 * s
+                start = (c[k, 0] + a * nx[k], c[k, 1] + a * ny[k])
+                end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
+                pieces, found, side_contrast = fit_segments(
+                    image,
+                    lens,
+                    start,
+                    end,
+                    (nx[k], ny[k]),
+                    (inner, outer),
+                    bar,
+                    row,
+                    sign,
+                    stride,
+                    scratch,
+                )
+                ok, dm, ds, v, r = straight_side(scratch.segments, found)
+                ok = ok and 2 * found >= pieces
+                if not ok:
+                    break
+                m, s = m + dm, s + ds
+                ok = abs(m) < MAX_WALK_PX and abs(s) < MAX_WALK_PX
+                if not ok or abs(dm) + 0.5 * abs(ds) < RECENTRE_PX:
+                    break
+            if not ok:
+                hidden, which = hidden + 1, k
+                if hidden > 1:
+                    break
+                continue
+            middle[k], slope[k], variance[k] = m, s, v + FLOOR_PX * FLOOR_PX
+            squares += r * r
+            contrast += side_contrast
+        if hidden > 1:
+            continue
+        if hidden == 1:
+            k, k2 = which, (which + 2) % 4
+            middle[k], slope[k] = -middle[k2], slope[k2] * lengths[k] / lengths[k2]
+            variance[k] = variance[k2] + (SHAPE_SIGMA * extents[k]) ** 2
+        _corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
+        out.residual_px[n] = math.sqrt(squares / (4 - hidden))
+        out.contrast[n] = contrast / (4 - hidden)
+        out.found[n], out.whole[n] = True, hidden == 0
+
+
+@njit(cache=True, nogil=True)
+def _corners_and_centre(
+    c: FloatArray,
+    nx: FloatArray,
+    ny: FloatArray,
+    middle: FloatArray,
+    slope: FloatArray,
+    variance: FloatArray,
+    n: int,
+    out: Cells,
+) -> None:
+    """Corners as crossings of neighbouring sides, centre as crossing of the diagonals, and the centre's covariance."""
+    corners = out.corners_px[n]
+    vxx, vxy, vyy = 0.0, 0.0, 0.0
+    for k in range(4):
+        # Sides j and k meet at corner k. Each is the expected side, moved along its normal by middle + slope * place.
+        j = (k + 3) % 4
+        ax, ay = (
+            c[j, 0] + (middle[j] - 0.5 * slope[j]) * nx[j],
+            c[j, 1] + (middle[j] - 0.5 * slope[j]) * ny[j],
+        )
+        bx, by = (
+            c[k, 0] + (middle[j] + 0.5 * slope[j]) * nx[j],
+            c[k, 1] + (middle[j] + 0.5 * slope[j]) * ny[j],
+        )
+        k1 = (k + 1) % 4
+        px, py = (
+            c[k, 0] + (middle[k] - 0.5 * slope[k]) * nx[k],
+            c[k, 1] + (middle[k] - 0.5 * slope[k]) * ny[k],
+        )
+        qx, qy = (
+            c[k1, 0] + (middle[k] + 0.5 * slope[k]) * nx[k],
+            c[k1, 1] + (middle[k] + 0.5 * slope[k]) * ny[k],
+        )
+        dx, dy, fx, fy = bx - ax, by - ay, qx - px, qy - py
+        t = ((px - ax) * fy - (py - ay) * fx) / (dx * fy - dy * fx)
+        corners[k, 0], corners[k, 1] = ax + t * dx, ay + t * dy
+        # A side's shift by one pixel moves its two corners; their mean moves by a quarter of the sum.
+        det_j = nx[j] * ny[k] - ny[j] * nx[k]
+        det_k1 = nx[k] * ny[k1] - ny[k] * nx[k1]
+        gx = 0.25 * (-ny[j] / det_j + ny[k1] / det_k1)
+        gy = 0.25 * (nx[j] / det_j - nx[k1] / det_k1)
+        vxx += variance[k] * gx * gx
+        vxy += variance[k] * gx * gy
+        vyy += variance[k] * gy * gy
+    out.covariance_px2[n, 0], out.covariance_px2[n, 1], out.covariance_px2[n, 2] = vxx, vxy, vyy
+    dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    fx, fy = corners[3, 0] - corners[1, 0], corners[3, 1] - corners[1, 1]
+    t = ((corners[1, 0] - corners[0, 0]) * fy - (corners[1, 1] - corners[0, 1]) * fx) / (dx * fy - dy * fx)
+    out.centre_px[n, 0], out.centre_px[n, 1] = corners[0, 0] + t * dx, corners[0, 1] + t * dy

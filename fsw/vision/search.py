@@ -1,0 +1,177 @@
+"""The quick look: find the lines near where they are expected, and move the surface to meet them in both eyes."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fsw.vision.edges import FloatArray, Image, solve
+from fsw.vision.prediction import PRIOR, UNKNOWNS, Normal, Surface, add_equation, locate, shares_of
+from fsw.vision.rig import Eyes, image_point, project
+from fsw.vision.sides import MIN_CONTRAST
+
+BoolArray = NDArray[np.bool_]
+
+SEARCH = 0.4  # of a cell's extent: how far the quick update looks for a line; half would reach the next line
+SEARCH_PX = 256  # at most
+SEARCH_LINES = 3  # profiles averaged along a side
+TURNS = 6  # of the robust fit; the gate shrinks from turn to turn
+
+SIDES_SEARCHED = (1, 2)  # each inner line once: +X and +Y sides
+
+
+class Sightings(NamedTuple):
+    """Lines found by the quick look, and its working memory; taken once."""
+
+    offset_px: FloatArray  # (2, N, 2) of the lines across SIDES_SEARCHED, NaN where none was found
+    normal: FloatArray  # (2, N, 2, 2) outward normals of those sides
+    profile: FloatArray  # (2, 2 * SEARCH_PX) one row an eye
+
+
+def make_sightings(count: int) -> Sightings:
+    """Take the arrays for `count` cells."""
+    return Sightings(np.full((2, count, 2), np.nan), np.zeros((2, count, 2, 2)), np.zeros((2, 2 * SEARCH_PX)))
+
+
+@njit(cache=True, nogil=True)
+def find_line(
+    image: Image,
+    eyes: Eyes,
+    eye: int,
+    corners: FloatArray,
+    side: int,
+    line_ratio: float,
+    sign: float,
+    profile: FloatArray,
+) -> tuple[bool, float, float, float]:
+    """Look across one side for the line nearest to where it is expected.
+
+    corners (4, 2): expected ideal pixels of the cell. line_ratio: the line's width over the cell's extent.
+    sign: +1 for cells darker than lines. profile (2 * SEARCH_PX,): working memory.
+    Returns (found, offset of the line outwards in ideal pixels, outward normal).
+    """
+    a, b, c, d = corners[side], corners[(side + 1) % 4], corners[(side + 2) % 4], corners[(side + 3) % 4]
+    length = math.hypot(b[0] - a[0], b[1] - a[1])
+    nx, ny = (b[1] - a[1]) / length, -(b[0] - a[0]) / length
+    extent = 0.5 * ((a[0] + b[0] - c[0] - d[0]) * nx + (a[1] + b[1] - c[1] - d[1]) * ny)
+    if extent < 0.0:
+        nx, ny, extent = -nx, -ny, -extent
+    reach = int(min(SEARCH * extent, float(SEARCH_PX - 40)))
+    width = max(1, round(line_ratio * extent))
+    flank = max(2, width)
+    before = reach + flank
+    count = 2 * reach + 2 * flank + width
+    if count > 2 * SEARCH_PX or reach < 2:
+        return False, 0.0, nx, ny
+    for i in range(count):
+        profile[i] = 0.0
+    for line in range(SEARCH_LINES):
+        f = (line + 1.0) / (SEARCH_LINES + 1.0)
+        u, v = a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1])
+        for i in range(count):
+            inside, x, y = image_point(eyes, eye, u + (i - before) * nx, v + (i - before) * ny)
+            if not inside:
+                return False, 0.0, nx, ny
+            profile[i] += image[int(y + 0.5), int(x + 0.5)]
+    best, where = 0.0, 0
+    for start in range(flank, flank + 2 * reach + 1):
+        inner, left, right = 0.0, 0.0, 0.0
+        for i in range(width):
+            inner += profile[start + i]
+        for i in range(flank):
+            left += profile[start - flank + i]
+            right += profile[start + width + i]
+        # The weaker of the two steps counts: a border or a shadow's edge has one step only.
+        score = min(sign * (inner / width - left / flank), sign * (inner / width - right / flank))
+        if score > best:
+            best, where = score, start
+    return best > MIN_CONTRAST * SEARCH_LINES, float(where - before), nx, ny
+
+
+@njit(cache=True, nogil=True)
+def look(
+    image: Image,
+    eyes: Eyes,
+    eye: int,
+    corners_px: FloatArray,
+    in_view: BoolArray,
+    line_ratio: FloatArray,
+    bordering: BoolArray,
+    sign: float,
+    seen: Sightings,
+) -> int:
+    """Look for the lines on the +X and +Y side of every cell in view of one eye; returns how many were found.
+
+    corners_px (N, 4, 2): expected ideal pixels. in_view (N,). line_ratio, bordering (N, 4): as for measure_cells.
+    """
+    found = 0
+    for n in range(corners_px.shape[0]):
+        for i in range(2):
+            seen.offset_px[eye, n, i] = np.nan
+            side = SIDES_SEARCHED[i]
+            if not in_view[n] or bordering[n, side]:
+                continue
+            good, offset, nx, ny = find_line(
+                image, eyes, eye, corners_px[n], side, line_ratio[n, side], sign, seen.profile[eye]
+            )
+            if good:
+                seen.offset_px[eye, n, i] = offset
+                seen.normal[eye, n, i, 0], seen.normal[eye, n, i, 1] = nx, ny
+                found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def settle(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> tuple[int, float]:
+    """Move the surface so that its lines meet the sighted ones in both eyes: robust least squares.
+
+    Returns the number of sightings and their weighted rms distance left, in pixels.
+    """
+    shares, row, A, b = normal.row[:3], normal.row[3], normal.matrix, normal.right
+    scale, count, step = 0.0, 0, normal.step
+    step[:] = 0.0
+    for turn in range(TURNS + 1):
+        A[:] = 0.0
+        b[:] = 0.0
+        squares, weights, count = 0.0, 0.0, 0
+        for eye in range(2):
+            P = eyes.projection[eye]
+            for n in range(seen.offset_px.shape[1]):
+                for i in range(2):
+                    offset = seen.offset_px[eye, n, i]
+                    if math.isnan(offset):
+                        continue
+                    k, k1 = SIDES_SEARCHED[i], SIDES_SEARCHED[i] + 1
+                    x0, y0, z0 = locate(surface, n, k)
+                    x1, y1, z1 = locate(surface, n, k1)
+                    u, v, w = project(P, 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1))
+                    X = 0.5 * (surface.flat_mm[n, k, 0] + surface.flat_mm[n, k1, 0])
+                    Y = 0.5 * (surface.flat_mm[n, k, 1] + surface.flat_mm[n, k1, 1])
+                    shares_of(surface, X, Y, surface.basis[n, k], shares)
+                    nx, ny = seen.normal[eye, n, i]
+                    gx = (nx * (P[0, 0] - u * P[2, 0]) + ny * (P[1, 0] - v * P[2, 0])) / w
+                    gy = (nx * (P[0, 1] - u * P[2, 1]) + ny * (P[1, 1] - v * P[2, 1])) / w
+                    gz = (nx * (P[0, 2] - u * P[2, 2]) + ny * (P[1, 2] - v * P[2, 2])) / w
+                    residual = offset
+                    for j in range(UNKNOWNS):
+                        row[j] = gx * shares[0, j] + gy * shares[1, j] + gz * shares[2, j]
+                        residual -= row[j] * step[j]
+                    # Cauchy's weights: a line that was mistaken for its neighbour's loses its say.
+                    weight = 1.0 if turn == 0 else 1.0 / (1.0 + (residual / scale) ** 2)
+                    squares += weight * residual * residual
+                    weights += weight
+                    count += 1
+                    add_equation(A, b, row, offset, weight)
+        scale = max(0.5, math.sqrt(squares / max(weights, 1.0)))
+        if turn == TURNS or count < 2 * UNKNOWNS:
+            break
+        for j in range(UNKNOWNS):
+            A[j, j] += PRIOR * (1.0 + A[0, 0])
+        if not solve(A, b, UNKNOWNS):
+            break
+        step[:] = b
+    for j in range(UNKNOWNS):
+        surface.unknowns[j] += step[j]
+    return count, scale

@@ -1,0 +1,125 @@
+"""One side of a cell: its segments fitted one by one, and the straight line through them."""
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+from fsw.vision.edges import (
+    SEGMENTS,
+    FloatArray,
+    Image,
+    Scratch,
+    fit_profile,
+    gather,
+)
+from fsw.vision.rig import distort_point
+
+SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
+MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
+NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
+SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
+
+
+class Lens(NamedTuple):
+    """One eye: fx, fy, cx, cy; k1 k2 p1 p2 k3; its whole blur in pixels, and the table of a blurred step."""
+
+    intrinsics: FloatArray
+    distortion: FloatArray
+    blur_px: float
+    step: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def fit_segments(
+    image: Image,
+    lens: Lens,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    normal: tuple[float, float],
+    window_px: tuple[float, float],
+    width_px: float,
+    width_row: int,
+    sign: float,
+    stride: int,
+    scratch: Scratch,
+) -> tuple[int, int, float]:
+    """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast."""
+    blur = lens.blur_px
+    length = math.hypot(end[0] - start[0], end[1] - start[1])
+    inset = min(0.25 * length, max(3.0 * blur + 1.0, 0.06 * length))
+    pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
+    found, contrast = 0, 0.0
+    for piece in range(pieces):
+        f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
+        f1 = (inset + (length - 2.0 * inset) * (piece + 1) / pieces) / length
+        u0, v0 = start[0] + f0 * (end[0] - start[0]), start[1] + f0 * (end[1] - start[1])
+        u1, v1 = start[0] + f1 * (end[0] - start[0]), start[1] + f1 * (end[1] - start[1])
+        x0, y0, _, _, _, _ = distort_point(u0, v0, lens.intrinsics, lens.distortion)
+        x1, y1, _, _, _, _ = distort_point(u1, v1, lens.intrinsics, lens.distortion)
+        _, _, xx, xy, yx, yy = distort_point(0.5 * (u0 + u1), 0.5 * (v0 + v1), lens.intrinsics, lens.distortion)
+        # How far a step of one image pixel, along x or along y, leads away from the side, in ideal pixels.
+        det = xx * yy - xy * yx
+        gain_x = (yy * normal[0] - yx * normal[1]) / det
+        gain_y = (xx * normal[1] - xy * normal[0]) / det
+        vertical = abs(gain_y) > abs(gain_x)
+        gain = gain_y if vertical else gain_x
+        ends = ((x0, y0), (x1, y1))
+        whole = gather(image, ends, gain, vertical, window_px, stride, scratch)
+        width = width_px
+        if not whole and width_px > 0.0:
+            # The line's far side may lie outside the image: judge by its near side alone.
+            near = (window_px[0], max(width_px - 1.5 * blur, 0.5 * width_px))
+            gather(image, ends, gain, vertical, near, stride, scratch)
+            width = 0.0
+        fit = fit_profile(scratch, lens.step, width, blur, width_row)
+        step = sign * (fit.line - fit.inside)
+        if fit.good and step > MIN_CONTRAST and fit.residual < NOISE_GATE * step:
+            scratch.segments[found, 0] = 0.5 * (f0 + f1) - 0.5
+            scratch.segments[found, 1] = fit.offset_px
+            scratch.segments[found, 2] = fit.variance_px2 + 1e-8
+            contrast += step
+            found += 1
+    return pieces, found, contrast / max(found, 1)
+
+
+@njit(cache=True, nogil=True)
+def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float, float, float]:
+    """Weighted straight line through segment offsets: good, offset at the middle, slope, its variance there, residual.
+
+    Segments far off the line are dropped one by one, as long as more than half of them agree.
+    """
+    dropped = 0
+    while True:
+        s0, s1, s2, t0, t1 = 0.0, 0.0, 0.0, 0.0, 0.0
+        kept = 0
+        for i in range(count):
+            if segments[i, 2] < 0.0:
+                continue
+            w, x, y = 1.0 / segments[i, 2], segments[i, 0], segments[i, 1]
+            s0, s1, s2 = s0 + w, s1 + w * x, s2 + w * x * x
+            t0, t1 = t0 + w * y, t1 + w * x * y
+            kept += 1
+        det = s0 * s2 - s1 * s1
+        if kept < 2 or det <= 1e-9 * s0 * s0:
+            return False, 0.0, 0.0, 0.0, 0.0
+        middle, slope = (s2 * t0 - s1 * t1) / det, (s0 * t1 - s1 * t0) / det
+        worst, which, squares, chi2 = 1.0, -1, 0.0, 0.0
+        for i in range(count):
+            if segments[i, 2] < 0.0:
+                continue
+            r = segments[i, 1] - middle - slope * segments[i, 0]
+            squares += r * r
+            chi2 += r * r / segments[i, 2]
+            gate = max(SEGMENT_GATE_PX, 4.0 * math.sqrt(segments[i, 2]))
+            if abs(r) / gate > worst:
+                worst, which = abs(r) / gate, i
+        if which < 0 or kept <= 2:
+            break
+        segments[which, 2] = -1.0
+        dropped += 1
+    if which >= 0 or 2 * kept < count:
+        return False, 0.0, 0.0, 0.0, 0.0
+    # Scatter beyond what the pixels explain widens the variance; luck does not narrow it.
+    scale = max(1.0, chi2 / (kept - 2)) if kept > 2 else 1.0
+    return True, middle, slope, scale * s2 / det, math.sqrt(squares / kept)

@@ -1,0 +1,295 @@
+"""TRACK: from a pair of images, and what was known before, to all cells in space. All memory is taken at the start."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fsw.vision.edges import STEP_ROWS, FloatArray, Image, make_scratch, tabulate_step
+from fsw.vision.grid import CellGrid, line_ratios
+from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
+from fsw.vision.quads import Cells, make_cells, measure_cells
+from fsw.vision.rig import StereoRig, eyes_of
+from fsw.vision.search import look, make_sightings, settle
+from fsw.vision.sides import Lens
+from fsw.vision.stereo import Points, make_points, triangulate_cells
+
+PIXEL_VARIANCE = 1.0 / 12.0  # of the average over one pixel: what the sensor adds to the lens's blur
+BLUR_RANGE_PX = (0.15, 4.0)
+WIDTH_RANGE = (0.7, 1.4)
+REPLACED_VARIANCE_PX2 = 0.35**2  # of the mean of boundary pixels (Eq. 12), as measured against truth
+ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over at once
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """stride: measure every so many image columns of a side. gate_mm: a centre farther from the surface is no cell.
+
+    blur_px: the lens's blur to start from (Gaussian standard deviation, without the pixel).
+    """
+
+    stride: int = 2
+    gate_mm: float = 1.0
+    blur_px: float = 0.7
+
+
+class Tracker:
+    """State of the tracking between ticks: surface, blur, widths of the lines, and what each cell deviates by."""
+
+    def __init__(self, rig: StereoRig, grid: CellGrid, options: TrackingOptions) -> None:
+        count = grid.count
+        self.rig, self.grid, self.options, self.eyes = rig, grid, options, eyes_of(rig)
+        self.surface = make_surface(grid)
+        self.line_ratio, self.bordering = line_ratios(grid), np.ascontiguousarray(grid.neighbour < 0)
+        self.sightings = make_sightings(count)
+        self.expected_px = np.zeros((2, count, 4, 2))
+        self.expected_centre_px = np.zeros((2, count, 2))
+        self.in_view = np.zeros((2, count), dtype=np.bool_)
+        self.wanted = np.zeros(count, dtype=np.bool_)  # cells whose centres both eyes should see
+        self.both = np.zeros(count, dtype=np.bool_)
+        self.deviation_px = np.zeros((2, count, 4, 2))  # of the measured corners from the surface, last tick
+        self.corners_px = np.full((2, count, 4, 2), np.nan)
+        self.centre_px = np.full((2, count, 2), np.nan)
+        self.covariance_px2 = np.full((2, count, 3), np.nan)
+        self.cells: tuple[Cells, Cells] = tuple(self._cells(eye) for eye in (0, 1))  # type: ignore[assignment]  # two eyes
+        self.points: Points = make_points(count)
+        self.distance_mm = np.full(count, np.nan)
+        self.blur_px = np.full(2, options.blur_px)
+        self.width_scale = np.ones((2, 2))
+        self._scratch = (make_scratch(), make_scratch())
+        self._steps = np.zeros((2, STEP_ROWS, 3))
+        self._normal = make_normal()
+        self._work = np.zeros((8, 3))
+        self._second = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right-eye")
+
+    def _cells(self, eye: int) -> Cells:
+        """One eye's results, whose pixels are views of the arrays of both eyes."""
+        own = make_cells(self.grid.count)
+        return own._replace(
+            corners_px=self.corners_px[eye],
+            centre_px=self.centre_px[eye],
+            covariance_px2=self.covariance_px2[eye],
+        )
+
+    def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
+        """Begin from the wing's pose: bring surface, blur and widths of the lines near; returns the points found."""
+        set_pose(self.surface, rotation, translation_mm)
+        self.deviation_px[:] = 0.0
+        self.blur_px[:] = self.options.blur_px
+        self.width_scale[:] = 1.0
+        found = 0
+        for _ in range(4):
+            self.measure(left, right)
+            self.both_found()
+            found = self.reconstruct(self.both)
+        return found
+
+    def measure(self, left: Image, right: Image) -> None:
+        """Find all cells near where they are expected in both images."""
+        self._expect()
+        self._both(self._look, left, right)
+        settle(self.surface, self.eyes, self.sightings, self._normal)
+        self._expect()
+        self._both(self._measure, left, right)
+
+    def reconstruct(
+        self, matched: NDArray[np.bool_], reprojection_gate_px: float = math.inf, epipolar_gate_px: float = math.inf
+    ) -> int:
+        """Triangulate the matched cells (N,), fit the surface, drop what lies off it; returns how many stay valid."""
+        triangulate_cells(
+            self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, self._work, self.points
+        )
+        gate = self.options.gate_mm
+        _gate_residuals(self.points, reprojection_gate_px, epipolar_gate_px)
+        fit_surface(self.surface, self.points.xyz_mm, self.points.valid, gate, self._normal, self.distance_mm)
+        valid = _gate_points(self.points, self.distance_mm, gate)
+        expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
+        for eye in (0, 1):
+            _deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
+        return int(valid)
+
+    def detected(self) -> tuple[int, int]:
+        """Number of cells found in the left and in the right image."""
+        return _count(self.cells[0].found), _count(self.cells[1].found)
+
+    def residuals(self) -> tuple[float, float]:
+        """Rms reprojection error and rms epipolar distance over the valid points, px; NaN without points."""
+        points = self.points
+        return _rms(points.reprojection_px, points.valid), _rms(points.epipolar_px, points.valid)
+
+    @property
+    def expected_count(self) -> int:
+        """Number of cells whose centres both eyes should see."""
+        return int(_count(self.wanted))
+
+    def both_found(self) -> int:
+        """Number of cells found in both images."""
+        np.logical_and(self.cells[0].found, self.cells[1].found, out=self.both)
+        return int(_count(self.both))
+
+    def cell_side_px(self, eye: int) -> float:
+        """Mean length of the cells' smaller sides in this eye, as expected; 0 without cells in view."""
+        along_x, along_y = _mean_sides(self.expected_px[eye], self.wanted)
+        return float(min(along_x, along_y))
+
+    def px_per_mm(self, eye: int) -> float:
+        """Mean scale of the cells in view of this eye; 0 without."""
+        along_x, along_y = _mean_sides(self.expected_px[eye], self.wanted)
+        size = self.grid.panels[0].cell_mm
+        return float(0.5 * (along_x / size[0] + along_y / size[1]))
+
+    def cell_area_px(self, eye: int) -> tuple[float, float]:
+        """Smallest and largest area of a cell in view of this eye, with a margin, in square pixels."""
+        c = self.expected_px[eye][self.wanted]
+        if len(c) == 0:
+            return 0.0, 0.0
+        d, e = c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]
+        area = 0.5 * np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
+        return 0.6 * float(area.min()), 1.4 * float(area.max())
+
+    def replace_centres(self, eye: int, image_px: FloatArray) -> None:
+        """Take centres (K, 2) of another method, in image pixels, in place of the fitted ones; unclaimed cells are lost."""
+        cells = self.cells[eye]
+        cells.found[:] = cells.whole[:] = False
+        if len(image_px) == 0:
+            return
+        ideal = self.rig.undistort(eye, image_px)
+        reach = np.linalg.norm(self.expected_px[eye][:, 1:3] - self.expected_px[eye][:, [0]], axis=2).min(axis=1)
+        for n in np.flatnonzero(self.wanted):
+            distance = np.linalg.norm(ideal - self.expected_centre_px[eye, n], axis=1)
+            nearest = int(np.argmin(distance))
+            if distance[nearest] < 0.4 * reach[n]:
+                cells.centre_px[n] = cells.corners_px[n] = ideal[nearest]
+                cells.covariance_px2[n] = REPLACED_VARIANCE_PX2, 0.0, REPLACED_VARIANCE_PX2
+                cells.found[n] = True
+
+    def close(self) -> None:
+        """End the thread of the right eye."""
+        self._second.shutdown()
+
+    def _expect(self) -> None:
+        expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
+        np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
+        np.add(self.expected_px, self.deviation_px, out=self.expected_px)
+
+    def _both(self, work, left: Image, right: Image) -> None:  # type: ignore[no-untyped-def]  # one of the two below
+        other = self._second.submit(work, 1, right)
+        work(0, left)
+        other.result()
+
+    def _look(self, eye: int, image: Image) -> None:
+        sign = 1.0 if self.grid.dark else -1.0
+        look(
+            image,
+            self.eyes,
+            eye,
+            self.expected_px[eye],
+            self.wanted,
+            self.line_ratio,
+            self.bordering,
+            sign,
+            self.sightings,
+        )
+
+    def _measure(self, eye: int, image: Image) -> None:
+        blur = float(self.blur_px[eye])
+        tabulate_step(blur, self._steps[eye])
+        whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
+        lens = Lens(self.eyes.intrinsics[eye], self.eyes.distortion[eye], whole, self._steps[eye])
+        measure_cells(
+            image,
+            lens,
+            self.expected_px[eye],
+            self.wanted,
+            self.line_ratio,
+            self.bordering,
+            self.width_scale[eye],
+            self.grid.dark,
+            self.options.stride,
+            self._scratch[eye],
+            self.cells[eye],
+        )
+        _adapt(self._scratch[eye].pooled, self.blur_px, self.width_scale, eye)
+
+
+@njit(cache=True, nogil=True)
+def _adapt(pooled: FloatArray, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
+    """Take over part of the corrections that all edges of one eye agree on."""
+    if pooled[0, 1] > 0.0:
+        blur = blur_px[eye] + ADAPTATION * pooled[0, 0] / pooled[0, 1]
+        blur_px[eye] = min(max(blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
+    for i in range(2):
+        if pooled[1 + i, 1] > 0.0:
+            width = width_scale[eye, i] + ADAPTATION * pooled[1 + i, 0] / pooled[1 + i, 1]
+            width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
+
+
+@njit(cache=True, nogil=True)
+def _count(mask: NDArray[np.bool_]) -> int:
+    """How many are set; np.count_nonzero would make a temporary of some masks."""
+    count = 0
+    for n in range(mask.shape[0]):
+        count += mask[n]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float, float]:
+    """Mean length of the sides along X and along Y of the wanted cells; 0 without any."""
+    along_x, along_y, count = 0.0, 0.0, 0
+    for n in range(wanted.shape[0]):
+        if wanted[n]:
+            c = corners_px[n]
+            along_x += math.hypot(c[1, 0] - c[0, 0], c[1, 1] - c[0, 1])
+            along_y += math.hypot(c[3, 0] - c[0, 0], c[3, 1] - c[0, 1])
+            count += 1
+    return along_x / max(count, 1), along_y / max(count, 1)
+
+
+@njit(cache=True, nogil=True)
+def _rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
+    squares, count = 0.0, 0
+    for n in range(values.shape[0]):
+        if valid[n]:
+            squares += values[n] * values[n]
+            count += 1
+    return math.sqrt(squares / count) if count else math.nan
+
+
+@njit(cache=True, nogil=True)
+def _gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -> None:
+    """Take validity from points that the two eyes do not agree on."""
+    for n in range(points.valid.shape[0]):
+        if points.valid[n]:
+            near = points.reprojection_px[n] <= reprojection_px and abs(points.epipolar_px[n]) <= epipolar_px
+            points.valid[n] = near
+
+
+@njit(cache=True, nogil=True)
+def _gate_points(points: Points, distance_mm: FloatArray, gate_mm: float) -> int:
+    """Take validity from points off the surface, and the values of all that are not valid; returns how many stay."""
+    count = 0
+    for n in range(points.valid.shape[0]):
+        if points.valid[n] and distance_mm[n] <= gate_mm:
+            count += 1
+        else:
+            points.valid[n] = False
+            points.xyz_mm[n] = np.nan
+            points.sigma_mm[n] = np.nan
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _deviate(cells: Cells, expected_px: FloatArray, valid: NDArray[np.bool_], out_px: FloatArray) -> None:
+    """What each whole cell's corners deviate from the surface by.
+
+    Zero for the others: a side that stood in for a hidden one would confirm itself from tick to tick and drift away.
+    """
+    for n in range(valid.shape[0]):
+        if valid[n] and cells.whole[n]:
+            out_px[n] = cells.corners_px[n] - expected_px[n]
+        else:
+            out_px[n] = 0.0

@@ -1,0 +1,1 @@
+"""Hardware abstraction: camera, trigger, clock, bus, store."""

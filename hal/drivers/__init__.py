@@ -1,0 +1,1 @@
+"""Drivers behind the hardware abstraction, one file each."""

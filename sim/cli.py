@@ -1,0 +1,88 @@
+"""The command `wingbeat sil`: the flight application in front of a simulated world."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from telemetry.report import write_report
+
+from fsw.app import Drivers, Tables
+from fsw.geometry import make_wing_grid
+from fsw.run import SUMMARY, fly, run_folder
+from fsw.tables.checks import load_hardware
+from fsw.tables.flight import load_flight
+from hal.drivers.lockstep_clock import LockstepClock
+from hal.drivers.python_can import PythonCanBus
+from sim.cameras import SimulatedCamera, SimulatedTrigger, WorldClock
+from sim.compare import compare_points, true_modes
+from sim.flight_files import flight_files
+from sim.scenario import check_scenario, load_scenario
+from sim.truth import write_truth
+from sim.world import World
+from telemetry.modes_text import modes_table
+from wingbeat.console import progress, write_json
+
+
+class Pace(StrEnum):
+    """How time runs: as fast as the machine can, or as in flight."""
+
+    LOCKSTEP = "lockstep"
+    REAL = "real"
+
+
+def sil(
+    scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a shipped one.")] = "paper",
+    duration: Annotated[float | None, typer.Option(help="Seconds to fly; default: the scenario's.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the world; default: the scenario's.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; default runs/SCENARIO.")] = None,
+    pace: Annotated[Pace, typer.Option(help="lockstep, or real: all images are drawn first.")] = Pace.LOCKSTEP,
+    tables: Annotated[Path | None, typer.Option(help="Flight tables (TOML) to lay over the shipped ones.")] = None,
+    json_file: Annotated[str | None, typer.Option("--json", help="modes and summary as JSON; - for stdout.")] = None,
+) -> None:
+    """Fly software in the loop: simulated wing, cameras and trigger, the real flight application, telemetry on files.
+
+    Example: wingbeat sil small --duration 10 --seed 3 --out runs/first
+    """
+    chosen = load_scenario(scenario)
+    if duration is not None:
+        chosen = msgspec.structs.replace(chosen, duration_s=duration)
+        check_scenario(chosen, f"{scenario} with --duration {duration:g}")
+    flight = load_flight(tables)
+    target = out or Path("runs") / Path(scenario).stem
+    with run_folder(target) as folder:
+        cameras, wing = load_hardware(*flight_files(chosen, folder))
+        world = World(chosen, seed)
+        clock = WorldClock() if pace is Pace.REAL else LockstepClock()
+        trigger = SimulatedTrigger(world, clock)
+        eyes = tuple(SimulatedCamera(world, eye, trigger, prerender=pace is Pace.REAL) for eye in (0, 1))
+        bus = PythonCanBus()
+        drivers = Drivers((eyes[0], eyes[1]), trigger, clock, chosen.rate_hz)
+        try:
+            with progress(f"sil {target.name}", chosen.ticks) as advance:
+                figures = fly(Tables(cameras, wing, flight), drivers, folder, pace is Pace.LOCKSTEP, bus, advance)
+        finally:
+            bus.close()
+            for eye in eyes:
+                eye.close()
+        truth = world.truth()
+        write_truth(folder / "truth.npz", truth)
+        against = compare_points(folder, truth, make_wing_grid(wing))
+        known = true_modes(truth)
+        summary = {"scenario": scenario, "seed": world.seed, "pace": pace.value} | figures
+        summary |= {"true_modes": known, "against_truth": against}
+        (folder / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        write_report(folder, f"Software in the loop: {scenario}")
+    modes = json.loads((target / "modes.json").read_text())
+    if json_file is not None:
+        write_json({"modes": modes, "summary": summary}, json_file)
+    if json_file != "-":
+        typer.echo(modes_table(modes, known))
+        if against["cells"]:
+            typer.echo(
+                f"{against['cells']} cells in {figures['ticks']} ticks; displacement error "
+                f"{against['displacement_rms_mm']:.4f} mm rms (position {against['position_rms_z_mm']:.4f} mm in depth)"
+            )
+        typer.echo(f"files in {target}, start with {target / 'report.html'}")

@@ -1,0 +1,1 @@
+"""One dictionary of what is said, its codecs, recorder and decoders."""

@@ -1,0 +1,220 @@
+"""The one dictionary: every telemetry point, packet and event, declared once.
+
+From it come the CAN frames and the DBC file, the MAVLink dialect, the recorder's schemas, the decoders and
+docs/telemetry.md. Identifiers stand here and nowhere else.
+"""
+
+from collections.abc import Iterable
+from enum import IntEnum, IntFlag
+
+from telemetry.declaration import EVENT_ARGUMENTS, Kind, Packet, Point, Severity
+
+MODE_SLOTS = 8
+"""How many modes an estimate can carry, in order of frequency; a slot without a mode is "not available"."""
+
+EPOCH_US = 1 << 48
+"""The time on CAN is time_us + time_epoch * EPOCH_US, so that it holds for mission time and for Unix time."""
+
+FLAG_BITS = 24
+"""Room for the flags of a mode; all ones is "not available"."""
+
+HEARTBEAT_PERIOD_TICKS = 15
+"""MAVLink's HEARTBEAT: about once a second."""
+
+
+class FlightMode(IntEnum):
+    """What the flight application is doing."""
+
+    INIT = 0
+    ACQUIRE = 1
+    TRACK = 2
+    DEGRADED = 3
+    HOLD = 4
+    INHIBITED = 5
+    TEST = 6
+
+
+class ModeFlag(IntFlag):
+    """Why a mode, or the whole estimate, deserves care. The lower-case names are the flags of modes.json."""
+
+    HARMONIC = 1 << 0
+    TIME_VARYING = 1 << 1
+    NEAR_NYQUIST = 1 << 2
+    NOT_OBSERVABLE = 1 << 3
+    SHORT_RECORD = 1 << 4
+    INCOHERENT = 1 << 5
+    WEAK = 1 << 6
+    IMPRECISE = 1 << 7
+    OVERDAMPED = 1 << 8
+    GROWING = 1 << 9
+    NOT_EXPONENTIAL = 1 << 10
+    COMBINATION = 1 << 11
+    SPLIT = 1 << 12
+    # What fault protection, the tasks and the codecs add to the identification's.
+    LOW_COHERENCE = 1 << 16
+    POOR_SCENE = 1 << 17
+    STALE = 1 << 18
+    LATE = 1 << 19
+    HELD = 1 << 20
+    SATURATED = 1 << 21
+    OTHER = 1 << 22
+
+
+def flag_bits(names: Iterable[str]) -> int:
+    """The bits of flags given by their names in modes.json; an unknown name sets OTHER: none is lost."""
+    bits = 0
+    for name in names:
+        bits |= ModeFlag.__members__.get(name.upper(), ModeFlag.OTHER)
+    return int(bits)
+
+
+def _quantity(name: str, unit: str, low: float, high: float, scale: float, bits: int, meaning: str) -> Point:
+    return Point(name, unit, low, high, scale, bits, meaning)
+
+
+def _modal(name: str, unit: str, low: float, high: float, scale: float, bits: int, meaning: str) -> Point:
+    return Point(name, unit, low, high, scale, bits, meaning, slots=MODE_SLOTS)
+
+
+def _share(name: str, meaning: str, symbol: str = "") -> Point:
+    return Point(name, "1", 0.0, 1.0, 2e-5, 16, meaning, symbol=symbol)
+
+
+def _count(name: str, meaning: str, bits: int = 16, slots: int = 1, unit: str = "1") -> Point:
+    return Point(name, unit, 0, (1 << bits) - 2, 1, bits, meaning, Kind.COUNT, slots=slots)
+
+
+def _flag(name: str, meaning: str, slots: int = 1) -> Point:
+    return Point(name, "1", 0, 1, 1, 2, meaning, Kind.FLAG, slots=slots)
+
+
+def _flags(name: str, meaning: str, slots: int = 1) -> Point:
+    return Point(name, "1", 0, (1 << FLAG_BITS) - 2, 1, FLAG_BITS, meaning, Kind.BITS, ModeFlag, slots)
+
+
+# The header of every packet. It is filled by the codecs and has no place on the board.
+TICK = _count("tick", "number of the trigger edge to which the packet belongs, from 0", 32, unit="tick")
+TIME_US = _count("time_us", "time of that trigger, less time_epoch periods of 2^48 us", 48, unit="us")
+TIME_EPOCH = _count("time_epoch", "whole periods of 2^48 us in the trigger's time", 8)
+SATURATED = _count("saturated", "signals of this packet that were clipped to their range", 8)
+HEADER_FRAMES: tuple[tuple[str, tuple[Point, ...]], ...] = (
+    ("tick", (TICK, TIME_EPOCH, SATURATED)),
+    ("time", (TIME_US,)),
+)
+
+# One mode. Damping may come out negative from noise; it is sent as it is, and such a mode is not valid.
+FREQUENCY_HZ = _modal("frequency_hz", "Hz", 0, 160, 1e-5, 24, "natural frequency |s| / 2 pi")
+FREQUENCY_SIGMA_HZ = _modal("frequency_sigma_hz", "Hz", 0, 16, 1e-6, 24, "its standard deviation")
+DAMPING_RATIO = _modal("damping_ratio", "1", -1, 1, 1e-6, 24, "damping over critical damping, -Re(s) / |s|")
+DAMPING_RATIO_SIGMA = _modal("damping_ratio_sigma", "1", 0, 16, 1e-6, 24, "its standard deviation")
+AMPLITUDE_MM = _modal("amplitude_mm", "mm", 0, 16_000, 0.001, 24, "largest amplitude of any measured point")
+AMPLITUDE_COHERENCE = _modal(
+    "amplitude_coherence", "1", 0, 1, 1e-4, 16, "modal amplitude coherence of ERA (the MAC of the paper)"
+)
+VALID = _flag("valid", "1 only if every gate agrees: the controller may use this mode", MODE_SLOTS)
+FLAGS = _flags("flags", "why the mode deserves care", MODE_SLOTS)
+AGE_TICKS = _count("age_ticks", "ticks since the last frame of the data behind this mode", 16, MODE_SLOTS, "tick")
+
+# The estimate as a whole.
+ESTIMATE_TICK = _count("estimate_tick", "trigger of the newest frame in the estimate", 32, unit="tick")
+ESTIMATE_TIME_US = Point(
+    "estimate_time_us", "us", 0, 2**53 - 2, 1, 64, "time of that trigger", Kind.COUNT
+)  # to 2^53: whole numbers are exact in the board's doubles as far as there
+MODE_COUNT = _count("mode_count", "modes in the estimate, valid or not", 4)
+ESTIMATE_FLAGS = _flags("estimate_flags", "what holds for the whole estimate")
+RECORD_SAMPLES = _count("record_samples", "frames in the record behind the estimate")
+
+# The scene and the match, each tick.
+CHAR = _share("char", "scene characteristic: how straight the queues of centres are (Eq. 20)", "scene_char")
+MU = _share("mu", "matching uniqueness: F-measure of precision and recall, b = 20 (Eq. 24)")
+CMP = _share("cmp", "comprehensive matching parameter of char and mu (Eq. 30)")
+PRECISION = _share("precision", "right matches over detected matches")
+RECALL = _share("recall", "right matches over all cells in view")
+MATCHED = _count("points", "cells matched in both eyes and accepted")
+DETECTED_LEFT = _count("detected_left", "cells detected by the left eye")
+DETECTED_RIGHT = _count("detected_right", "cells detected by the right eye")
+REPROJECTION_RMS_PX = _quantity(
+    "reprojection_rms_px", "px", 0, 65, 0.001, 16, "rms distance of centres from their reprojected 3-D points"
+)
+EPIPOLAR_RMS_PX = _quantity(
+    "epipolar_rms_px",
+    "px",
+    0,
+    65,
+    0.001,
+    16,
+    "rms distance of right centres from the left ones' epipolar lines",
+)
+
+# Health.
+MODE = Point("mode", "1", 0, 254, 1, 8, "mode of the flight application", Kind.CHOICE, FlightMode)
+OBSERVABLE = _flag("observable", "the wing moves enough to be identified; 0 is quiet, not bad")
+VALIDITY = _flag("validity", "at least one mode is valid and no limit forbids its use")
+TICKS = _count("ticks", "trigger edges since the start", 32)
+TICKS_MISSED = _count("ticks_missed", "trigger edges that never reached the executive")
+DROPS_MISSING = _count("drops_missing", "pairs dropped: an eye's frame did not come")
+DROPS_SKEW = _count("drops_skew", "pairs dropped: the eyes' exposures differ by more than the limit")
+DROPS_CORRUPT = _count("drops_corrupt", "pairs dropped: a frame was marked or found corrupt")
+DROPS_STUCK = _count("drops_stuck", "pairs dropped: a frame repeats the one before")
+OVERRUNS = _count("overruns", "tasks that were not done by their tick")
+BUS_DROPPED = _count("bus_dropped", "frames that the bus did not take")
+EVENT_COUNT = _count("event_count", "events raised since the start")
+EVENTS_SUPPRESSED = _count("events_suppressed", "events not sent because their queue was full")
+
+# An event. These points live in the encoder, one event at a time.
+EVENT_NUMBER = _count("event_number", "number of the event in the dictionary")
+EVENT_SEVERITY = Point("severity", "1", 0, 254, 1, 8, "how much it matters", Kind.CHOICE, Severity)
+EVENT_ARGUMENT_COUNT = _count("argument_count", "arguments that the event has", 8)
+EVENT_INDEX = _count("event_index", "count of events since the start, this one included")
+EVENT_ARGUMENT_POINTS = tuple(
+    Point(f"argument_{i}", "", -3.4e38, 3.4e38, 0, 32, f"argument {i} of the event", Kind.REAL)
+    for i in range(EVENT_ARGUMENTS)
+)
+
+MODE_PACKET = Packet(
+    "mode", 0x240, 54000, 5, 0, "the identified modes, in order of frequency", (
+        ("frequency", (FREQUENCY_HZ, FREQUENCY_SIGMA_HZ)),
+        ("damping", (DAMPING_RATIO, DAMPING_RATIO_SIGMA)),
+        ("amplitude", (AMPLITUDE_MM, AMPLITUDE_COHERENCE)),
+        ("state", (AGE_TICKS, VALID, FLAGS)),
+    ), ESTIMATE_TICK, ESTIMATE_TIME_US, MODE_SLOTS,
+)  # fmt: skip
+ESTIMATE_PACKET = Packet(
+    "estimate", 0x230, 54001, 5, 0, "the estimate as a whole", (
+        ("record", (MODE_COUNT, OBSERVABLE, VALIDITY, ESTIMATE_FLAGS, RECORD_SAMPLES)),
+    ), ESTIMATE_TICK, ESTIMATE_TIME_US,
+)  # fmt: skip
+QUALITY_PACKET = Packet(
+    "quality", 0x210, 54002, 1, 0, "the scene and the match of this tick", (
+        ("scene", (CHAR, MU, CMP)),
+        ("match", (PRECISION, RECALL, MATCHED)),
+        ("residual", (REPROJECTION_RMS_PX, EPIPOLAR_RMS_PX)),
+        ("state", (DETECTED_LEFT, DETECTED_RIGHT, MODE, OBSERVABLE, VALIDITY)),
+    ),
+)  # fmt: skip
+HEALTH_PACKET = Packet(
+    "health", 0x220, 54003, 15, 7, "mode and counters of the flight application", (
+        ("state", (MODE, OBSERVABLE, VALIDITY, TICKS_MISSED, EVENTS_SUPPRESSED)),
+        ("ticks", (TICKS, OVERRUNS)),
+        ("drops", (DROPS_MISSING, DROPS_SKEW, DROPS_CORRUPT)),
+        ("queues", (DROPS_STUCK, BUS_DROPPED, EVENT_COUNT)),
+    ),
+)  # fmt: skip
+EVENT_PACKET = Packet(
+    "event", 0x200, 54004, 0, 0, "one event", (
+        ("number", (EVENT_NUMBER, EVENT_SEVERITY, EVENT_ARGUMENT_COUNT, EVENT_INDEX)),
+        *((point.name, (point,)) for point in EVENT_ARGUMENT_POINTS),
+    ),
+)  # fmt: skip
+
+PACKETS = (EVENT_PACKET, QUALITY_PACKET, HEALTH_PACKET, ESTIMATE_PACKET, MODE_PACKET)
+PERIODIC_PACKETS = tuple(packet for packet in PACKETS if packet.period_ticks)
+
+POINTS: tuple[Point, ...] = tuple(
+    dict.fromkeys(
+        (ESTIMATE_TICK, ESTIMATE_TIME_US, *(point for packet in reversed(PACKETS) for point in packet.points))
+    )
+)
+"""Every point that the board holds. A point's number, where an event names one, is its place here."""
+POINT_BY_NAME = {point.name: point for point in POINTS}
+POINT_NUMBER = {point.name: number for number, point in enumerate(POINTS)}

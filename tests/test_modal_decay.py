@@ -1,0 +1,213 @@
+"""Identification of free decays: at the Cramer-Rao bound, none missed, none spurious, and never misleading."""
+
+import numpy as np
+import pytest
+from modal_records import DAMPING, DECAYS, flight, free_decay, grid, pole, published, shapes
+
+from fsw.modal.indicators import shape_assurance
+from fsw.modal.pipeline import identify
+from fsw.modal.refinement import project, refine
+from fsw.modal.result import Options, to_contract
+from fsw.modal.uncertainty import cramer_rao_decay
+from wingbeat.errors import InputError
+
+D2 = DECAYS["D2"][0]
+SEEDS = {"D1": 12, "D2": 8, "D3": 6}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Per case: errors over bound (seeds, modes, 2), errors over own sigma, numbers of valid modes."""
+    table = {}
+    for case, seeds in SEEDS.items():
+        over_bound, over_sigma = [], []
+        for seed in range(seeds):
+            time_s, clean, noisy, poles, noise = published(case, 100 + seed)
+            found = identify(time_s, noisy)
+            assert found.kind == "decay"
+            assert [m.valid for m in found.modes] == [True] * len(poles), (case, seed, found.modes)
+            truth = np.array([[f, DAMPING] for f in DECAYS[case][0].values()])
+            error = np.array([[m.frequency_hz, m.damping_ratio] for m in found.modes]) - truth
+            sigma = np.array([[m.frequency_sigma_hz, m.damping_ratio_sigma] for m in found.modes])
+            over_bound.append(error / cramer_rao_decay(time_s, clean, poles, noise))
+            over_sigma.append(error / sigma)
+        table[case] = np.array(over_bound), np.array(over_sigma)
+    return table
+
+
+def test_no_mode_is_missed_none_is_spurious_and_errors_are_near_the_cramer_rao_bound(runs):
+    pooled = np.concatenate([bound.ravel() for bound, _ in runs.values()])
+    assert np.median(np.abs(pooled)) / 0.674 < 1.25
+    for bound, _ in runs.values():
+        assert np.max(np.abs(bound)) < 4.5
+
+
+def test_intervals_of_95_per_cent_cover_about_95_per_cent(runs):
+    pooled = np.concatenate([sigma.ravel() for _, sigma in runs.values()])
+    assert 0.89 <= np.mean(np.abs(pooled) < 1.96) <= 0.99
+    assert 0.8 < np.sqrt(np.mean(pooled**2)) < 1.25
+
+
+def test_cramer_rao_bound_of_one_slowly_damped_line_is_the_textbook_value():
+    # var(omega) = 12 sigma^2 / (a^2 / 2 * N * T^2 * ...): 24 sigma^2 / (a^2 N T^2) for a real sinusoid of many cycles.
+    time_s = np.arange(2000) / 50.0
+    s = pole(5.0, 1e-7)
+    clean = 3.0 * np.exp(s * time_s).real[:, None]
+    sigma = cramer_rao_decay(time_s, clean, np.array([s]), 0.1)[0, 0]
+    textbook = np.sqrt(24.0 * 0.1**2 / (3.0**2 * len(time_s) * time_s[-1] ** 2)) / (2.0 * np.pi)
+    assert sigma == pytest.approx(textbook, rel=0.01)
+
+
+def test_refinement_finds_the_exact_poles_of_a_noise_free_record_with_gaps_and_jitter():
+    rng = np.random.default_rng(0)
+    time_s = np.sort(rng.uniform(0.0, 20.0, 300))
+    time_s -= time_s[0]
+    clean, _ = free_decay(D2, time_s, (5, 4), 0.0, 1)
+    start = np.array([pole(0.722, 0.01), pole(3.01, 0.003), pole(4.18, 0.01)])
+    fit = refine(time_s, clean, start, 2)
+    assert np.allclose(fit.poles, [pole(f) for f in D2.values()], rtol=1e-9)
+
+
+def test_information_of_the_fit_is_the_curvature_of_the_cost():
+    time_s, _, noisy, poles, _ = published("D2", 3)
+    fit = refine(time_s, noisy, poles, 1)
+    step = 1e-5
+    for k, move in enumerate((step, 1j * step)):
+        moved = [project(time_s, noisy, fit.poles + sign * move * np.eye(3)[0], 1).cost for sign in (-1, 1)]
+        assert (sum(moved) - 2 * fit.cost) / (2 * step**2) == pytest.approx(fit.information[k, k], rel=0.03)
+
+
+def test_dropped_frames_and_jitter_cost_nothing_with_true_time_stamps():
+    rng = np.random.default_rng(4)
+    time_s = np.arange(600) / 20.0
+    time_s = time_s[rng.uniform(size=600) > 0.1]
+    time_s = time_s - time_s[0] + rng.uniform(0.0, 0.02, len(time_s))
+    _, noisy = free_decay(D2, time_s, (5, 4), 0.2, 9)
+    noisy[rng.uniform(size=noisy.shape) < 0.003] = np.nan
+    found = identify(time_s, noisy).modes
+    assert [m.valid for m in found] == [True] * 3
+    assert np.allclose([m.frequency_hz for m in found], list(D2.values()), rtol=1.5e-4)
+    assert np.allclose([m.damping_ratio for m in found], DAMPING, rtol=0.05)
+
+
+def test_shapes_and_amplitudes_are_those_of_the_record():
+    time_s, clean, noisy, _, _ = published("D2", 5)
+    form = shapes(*grid(5, 4))
+    noisy[:, 7] = np.nan
+    found = identify(time_s, noisy).modes
+    for mode, name, amplitude in zip(found, ("B1", "T1", "B2"), (20.0, 3.0, 2.0), strict=True):
+        assert np.isnan(mode.shape[7])
+        rest = np.delete(np.arange(20), 7)
+        assert shape_assurance(mode.shape[rest], form[name][2][rest].astype(complex)) > 0.999
+        assert mode.amplitude == pytest.approx(amplitude, rel=0.1)
+
+
+@pytest.mark.parametrize(("ticks", "limits"), [(75, (3e-3, 0.2)), (300, (2e-4, 0.03)), (900, (2e-4, 0.03))])
+def test_flight_records_give_three_modes_and_no_echo_of_them(ticks, limits):
+    found = identify(*flight(ticks, 7))
+    valid = found.valid_modes
+    assert len(valid) == 3 and not found.flags
+    assert valid[0].frequency_hz == pytest.approx(0.7146, rel=limits[0])
+    assert valid[0].damping_ratio == pytest.approx(0.006, rel=limits[1])
+    assert np.allclose([m.frequency_hz for m in valid[1:]], [2.31, 4.37], rtol=1e-3)
+    assert np.allclose([m.damping_ratio for m in valid[1:]], [0.009, 0.008], rtol=0.1)
+
+
+def test_strong_echoes_at_multiples_and_sums_are_named_and_not_valid():
+    found = identify(*flight(300, 3, echo=6e-3))
+    assert len(found.valid_modes) == 3
+    assert any("combination" in m.flags for m in found.modes)
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 3e-5])
+@pytest.mark.parametrize("ticks", [75, 300])
+def test_a_quiet_wing_is_not_observable(ticks, amplitude):
+    found = identify(*flight(ticks, 11, amplitude_mm=(amplitude,) * 3))
+    assert found.valid_modes == [] and "not_observable" in found.flags
+
+
+def test_least_amplitude_of_interest_can_be_set():
+    found = identify(*flight(75, 7, amplitude_mm=(0.3, 0.03, 0.03)), options=Options(minimum_amplitude=0.1))
+    assert [round(m.frequency_hz, 1) for m in found.valid_modes] == [0.7]
+
+
+def test_a_frequency_that_moves_is_flagged_and_its_damping_withheld():
+    time_s = np.arange(400) / 20.0
+    for seed in range(4):
+        moving = identify(time_s, free_decay(D2, time_s, (5, 4), 0.2, seed, change=-0.03)[1])
+        assert "time_varying" in moving.flags and moving.valid_modes == []
+        assert to_contract(moving)["modes"][0]["damping_ratio"] is None
+        steady = identify(time_s, free_decay(D2, time_s, (5, 4), 0.2, seed)[1])
+        assert "time_varying" not in steady.flags
+
+
+def test_a_lamp_line_is_a_harmonic_and_leaves_the_modes_alone():
+    time_s, _, noisy, _, _ = published("D2", 2)
+    lamp = 0.8 * np.cos(2.0 * np.pi * 1.7 * time_s)[:, None] * np.linspace(0.2, 1.0, 20)
+    found = identify(time_s, noisy + lamp)
+    assert [m.flags for m in found.modes if abs(m.frequency_hz - 1.7) < 0.01] == [["harmonic"]]
+    assert np.allclose([m.frequency_hz for m in found.valid_modes], [0.72, 3.0, 4.2], rtol=3e-4)
+
+
+def test_a_mode_that_may_be_an_alias_is_not_valid():
+    time_s = np.arange(160) / 8.0
+    found = identify(time_s, free_decay({"B1": 0.72, "B2": 4.2}, time_s, (5, 4), 0.2, 3)[1])
+    assert [m.frequency_hz for m in found.valid_modes] == pytest.approx([0.72], rel=1e-3)
+    assert found.modes[-1].flags == ["near_nyquist"] and "near_nyquist" in found.flags
+
+
+def test_drift_is_no_mode():
+    time_s, _, noisy, _, _ = published("D2", 2)
+    drift = (0.5 * time_s - 0.02 * time_s**2)[:, None] * np.linspace(0.2, 1.0, 20)
+    assert [round(m.frequency_hz, 2) for m in identify(time_s, noisy + drift).modes] == [0.72, 3.0, 4.2]
+
+
+def test_quiet_before_the_strike_is_left_out():
+    time_s, _, noisy, _, _ = published("D2", 2)
+    quiet = 0.2 * np.random.default_rng(0).standard_normal((150, 20))
+    found = identify(np.arange(750) / 20.0, np.vstack([quiet, noisy]))
+    assert found.kind == "decay" and len(found.valid_modes) == 3
+    assert found.valid_modes[0].damping_ratio == pytest.approx(DAMPING, rel=0.02)
+
+
+def test_one_channel_is_enough():
+    time_s, _, noisy, _, _ = published("D2", 6)
+    assert np.allclose(
+        [m.frequency_hz for m in identify(time_s, noisy[:, -1]).valid_modes], [0.72, 3.0, 4.2], rtol=1e-3
+    )
+
+
+def test_same_input_gives_the_same_bytes():
+    time_s, record = flight(75, 1)
+    first, second = (identify(time_s, record.copy()) for _ in range(2))
+    assert to_contract(first) == to_contract(second)
+    assert first.diagram.frequency_hz.tobytes() == second.diagram.frequency_hz.tobytes()
+    assert first.modes[0].shape.tobytes() == second.modes[0].shape.tobytes()
+
+
+def test_diagram_shows_stable_poles_and_a_peak_at_the_modes():
+    time_s, _, noisy, _, _ = published("D2", 1)
+    diagram = identify(time_s, noisy).diagram
+    near = np.abs(diagram.frequency_hz - 3.0) < 0.03
+    assert np.count_nonzero(near & diagram.stable) >= 5
+    assert diagram.spectrum_hz[np.argmax(diagram.spectrum)] == pytest.approx(0.72, abs=0.04)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "y"),
+    [
+        (np.arange(5.0), np.zeros((4, 2))),
+        (np.array([0.0, 2.0, 1.0]), np.zeros((3, 2))),
+        (np.zeros(0), np.zeros((0, 2))),
+        (np.arange(5.0), np.zeros((5, 0))),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(time_s, y):
+    with pytest.raises(InputError):
+        identify(time_s, y)
+
+
+@pytest.mark.parametrize("y", [np.zeros((100, 3)), np.full((100, 3), np.nan), np.ones((10, 3))])
+def test_records_without_content_are_not_observable(y):
+    found = identify(np.arange(len(y)) / 10.0, y)
+    assert found.modes == [] and "not_observable" in found.flags
