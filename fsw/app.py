@@ -61,18 +61,15 @@ class App:
         self._threads = threadpool_limits(limits=1)
         rig, grid, prior = make_rig(tables.cameras), make_wing_grid(tables.wing), make_prior(tables.wing)
         vision, identify = tables.flight.vision, tables.flight.identify
-        pools = tuple(FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras)
-        first = [pool.lease("start") for pool in pools]
-        assert first[0] is not None and first[1] is not None
+        blank = [np.zeros((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
+        pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
         self._rate_hz, self._rig = drivers.rate_hz, rig
         self.state = State(
             Tracker(rig, grid, TrackingOptions()),
-            Pair(first[0], first[1]),
+            Pair(blank[0], blank[1]),
             Ring(identify.history_ticks, (), np.int64),
             Ring(identify.history_ticks, (grid.count, 3)),
         )
-        for pool, frame in zip(pools, first, strict=True):
-            pool.release(frame)
         self._acquire = Acquire(
             self.state, drivers.cameras, (pools[0], pools[1]), vision.skew_limit_us, vision.hold_after_ticks
         )

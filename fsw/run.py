@@ -3,12 +3,11 @@
 The folder grows under the name NAME.partial and takes its own name when the run is complete.
 """
 
-import csv
 import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,26 +16,18 @@ from numpy.typing import NDArray
 
 from fsw.app import App, Drivers, Tables
 from fsw.modal.result import to_contract
+from fsw.run_log import RunLog
 from fsw.tasks.publish import Outlets
 from fsw.tasks.state import State
 from hal.bus import Bus
 from telemetry.dictionary import (
-    CHAR,
-    CMP,
-    DETECTED_LEFT,
-    DETECTED_RIGHT,
     DROPS_CORRUPT,
     DROPS_MISSING,
     DROPS_SKEW,
     DROPS_STUCK,
     EVENT_COUNT,
     FLAGS,
-    MATCHED,
     MODE_SLOTS,
-    MU,
-    PRECISION,
-    RECALL,
-    REPROJECTION_RMS_PX,
     VALID,
     ModeFlag,
 )
@@ -45,13 +36,7 @@ from telemetry.recorder import Recorder
 from wingbeat.errors import InputError
 
 SUMMARY = "summary.json"  # written last: a folder that has it is a complete run
-QUALITY_HEADER = (
-    "tick", "time_s", "mode", "detected_left", "detected_right", "matched", "char", "mu", "cmp", "precision", "recall",
-    "reprojection_rms_px",
-)  # fmt: skip
-_QUALITY_POINTS = (DETECTED_LEFT, DETECTED_RIGHT, MATCHED, CHAR, MU, CMP, PRECISION, RECALL, REPROJECTION_RMS_PX)
 DROPS = (DROPS_MISSING, DROPS_SKEW, DROPS_CORRUPT, DROPS_STUCK)
-_WHOLE = {DETECTED_LEFT, DETECTED_RIGHT, MATCHED}
 
 
 @contextmanager
@@ -111,6 +96,7 @@ def fly(
             app.close()
         modes = published_modes(app.state)
         (folder / "modes.json").write_text(json.dumps(modes, indent=2, allow_nan=False) + "\n")
+        write_diagram(app.state, folder, cells)
         return log.figures() | _figures(app, modes)
 
 
@@ -128,72 +114,18 @@ def published_modes(state: State) -> dict[str, Any]:
     return modes
 
 
-class RunLog:
-    """points.npz and quality.csv. Rows go to disk as they come, so that a long run does not fill the memory."""
-
-    def __init__(self, folder: Path, cells: NDArray[np.integer[Any]]) -> None:
-        self._folder, self._cells = folder, cells
-        self._row = np.dtype(
-            [("time_s", "f8"), ("xyz_mm", "f8", (len(cells), 3)), ("sigma_mm", "f8", len(cells)),
-             ("centre_px", "f8", (2, len(cells), 2))]
-        )  # fmt: skip
-        self._buffer = np.zeros(1, self._row)
-        self._rows_path = folder / "points.active"
-        self._seen = np.zeros(len(cells), np.bool_)
-        self.ticks = self.tracked = 0
-
-    def __enter__(self) -> "RunLog":
-        self._rows = self._rows_path.open("wb")
-        self._quality = (self._folder / "quality.csv").open("w", newline="")
-        self._csv = csv.writer(self._quality, lineterminator="\n")
-        self._csv.writerow(QUALITY_HEADER)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._rows.close()
-        self._quality.close()
-        if kind is None:
-            self._write_points()
-        self._rows_path.unlink()
-
-    def add(self, state: State) -> None:
-        """Log one tick."""
-        row, tracker = self._buffer[0], state.tracker
-        row["time_s"] = state.time_ns * 1e-9
-        for name in ("xyz_mm", "sigma_mm", "centre_px"):
-            row[name] = np.nan
-        if state.measured:
-            valid = tracker.points.valid
-            self._seen |= valid
-            row["xyz_mm"], row["sigma_mm"] = tracker.points.xyz_mm, tracker.points.sigma_mm
-            for eye in (0, 1):
-                row["centre_px"][eye] = tracker.rig.distort(eye, tracker.centre_px[eye])
-            row["centre_px"][:, ~valid] = np.nan
-            self.tracked += 1
-        self._buffer.tofile(self._rows)
-        values = (state.board.get(point) for point in _QUALITY_POINTS)
-        shown = (
-            "" if value != value else int(value) if point in _WHOLE else f"{value:.6f}"
-            for point, value in zip(_QUALITY_POINTS, values, strict=True)
-        )
-        self._csv.writerow([state.tick, f"{state.time_ns * 1e-9:.9f}", state.mode.name, *shown])
-        self.ticks += 1
-
-    def figures(self) -> dict[str, Any]:
-        """How much of the run was measured."""
-        return {"ticks": self.ticks, "ticks_measured": self.tracked, "cells_measured": int(self._seen.sum())}
-
-    def _write_points(self) -> None:
-        """The cells that were ever measured, all ticks."""
-        rows = np.fromfile(self._rows_path, self._row)
-        np.savez_compressed(
-            self._folder / "points.npz",
-            time_s=rows["time_s"],
-            cell=self._cells[self._seen],
-            xyz_mm=rows["xyz_mm"][:, self._seen],
-            sigma_mm=rows["sigma_mm"][:, self._seen],
-            centre_px=np.ascontiguousarray(rows["centre_px"].swapaxes(0, 1)[:, :, self._seen]),
-        )
+def write_diagram(state: State, folder: Path, cells: NDArray[np.integer[Any]]) -> None:
+    """diagram.npz, for the report: stabilisation diagram, spectrum and mode shapes (modes, cells, 3) of modes.json."""
+    if state.shown is None:
+        return
+    result, used = state.shown.result, state.shown.cells
+    shapes = [mode.shape.reshape(-1, 3) for mode in result.modes]
+    np.savez_compressed(
+        folder / "diagram.npz",
+        **asdict(result.diagram),
+        shape=np.array(shapes, np.complex128).reshape(len(shapes), len(used), 3),
+        shape_cell=cells[used],
+    )
 
 
 def _figures(app: App, modes: dict[str, Any]) -> dict[str, Any]:

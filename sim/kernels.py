@@ -6,11 +6,11 @@ They release the interpreter's lock and use one thread: two eyes may be drawn si
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from sim.mapping import NODE_LIGHT, NODE_SHARP_X, NODE_SHARP_Y, NODE_X, NODE_Y, STEP_PX
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 Records = NDArray[np.void]  # of artwork.PANEL or artwork.HINGE
@@ -30,7 +30,7 @@ def normal_table() -> FloatArray:
     return ndtr(np.arange(-_REACH * _PER_SIGMA, _REACH * _PER_SIGMA + 2) / _PER_SIGMA)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _covered(sigmas: float, table: FloatArray) -> float:
     """Share of a pixel's spread that lies inside an edge that is this many sigma away (positive: pixel inside)."""
     if sigmas <= -_REACH:
@@ -42,7 +42,7 @@ def _covered(sigmas: float, table: FloatArray) -> float:
     return table[i] + (at - i) * (table[i + 1] - table[i])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _place(x: float, y: float, reach_x: float, reach_y: float, panels: Records) -> int:
     """Index of the cell of which (x, y) is well inside; a code below _EDGE well outside the wing; _EDGE elsewhere.
 
@@ -70,7 +70,7 @@ def _place(x: float, y: float, reach_x: float, reach_y: float, panels: Records) 
     return _EDGE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _two_nearest(
     at: float, pitch: float, size: float, count: int, sharp: float, table: FloatArray
 ) -> tuple[int, float, int, float]:
@@ -88,7 +88,7 @@ def _two_nearest(
     return near, _covered(inside * sharp, table), other, _covered(-(inside + line) * sharp, table)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _within(x: float, y: float, sharp_x: float, sharp_y: float, box: Any, table: FloatArray) -> float:
     """Share of the blurred point that a box covers."""
     inside_x = min(x - box["x_from"], box["x_to"] - x) * sharp_x
@@ -98,7 +98,7 @@ def _within(x: float, y: float, sharp_x: float, sharp_y: float, box: Any, table:
     return _covered(inside_x, table) * _covered(inside_y, table)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _paint(
     grey: NDArray[np.float32],
     at: FloatArray,
@@ -142,7 +142,7 @@ def _paint(
         grey[c] = reflectance * light + (1.0 - cover) * background
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _draw_row(
     grey: NDArray[np.float32],
     at: FloatArray,
@@ -173,7 +173,7 @@ def _draw_row(
     _paint(grey, at, start, len(at) - 1, panels, cells, hinges, background, table)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _scramble(key: np.uint64) -> np.uint64:
     """Splitmix64: a well mixed number from a key."""
     key = key + np.uint64(0x9E3779B97F4A7C15)
@@ -182,7 +182,7 @@ def _scramble(key: np.uint64) -> np.uint64:
     return key ^ (key >> np.uint64(31))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _expose_row(
     out: NDArray[Any],
     grey: NDArray[np.float32],
@@ -198,7 +198,7 @@ def _expose_row(
         out[c] = min(max(value, np.float32(0.0)), top)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw(
     out: NDArray[Any],
     nodes: FloatArray,

@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.surface import height
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Light(NamedTuple):
     direction: FloatArray
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _undistort(x: float, y: float, d: FloatArray) -> tuple[float, float]:
     """The undistorted ray of a distorted one (normalised coordinates), by Newton's method."""
     u, v = x, y
@@ -56,7 +56,7 @@ def _undistort(x: float, y: float, d: FloatArray) -> tuple[float, float]:
     return u, v
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def map_nodes(
     nodes: FloatArray, view: View, light: Light, patches: FloatArray, x_mm: FloatArray, y_mm: FloatArray
 ) -> None:
@@ -95,7 +95,7 @@ def map_nodes(
             nodes[i, j, NODE_LIGHT] = light.level * max(0.0, uneven) * max(0.0, facing / light.direction[2])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def spread_nodes(nodes: FloatArray, sigma_px: float) -> None:
     """Fill NODE_SHARP_X, NODE_SHARP_Y: 1 / sigma, per mm, of a round blur of sigma_px across lines of constant X, Y."""
     rows, columns = nodes.shape[0], nodes.shape[1]

@@ -21,9 +21,12 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
 
 
 class Camera(Table, frozen=True):
-    """Both sensors; binning: so many by so many of the eyes' pixels are read as one. Blur in pixels of the image."""
+    """Both sensors; bits above 8 come in 16-bit pixels; binning: so many by so many of the eyes' pixels as one.
 
-    bits: Literal[8, 16]
+    psf_sigma_px, full_well_e and read_noise_e are those of the image's pixels.
+    """
+
+    bits: Annotated[int, Meta(ge=8, le=16)]
     binning: Annotated[int, Meta(ge=1, le=16)]
     psf_sigma_px: Annotated[float, Meta(ge=0.0, le=10.0)]
     exposure_ms: Positive

@@ -1,8 +1,9 @@
 """The wing's bent surface as bicubic patches: the one shape that both the images and the truth are made from."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ def make_patches(nodal: FloatArray, size: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.einsum("ai,...ab,bj->...ij", _HERMITE, tensor, _HERMITE))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _interval(edges: FloatArray, value: float) -> int:
     low, high = 0, len(edges) - 1
     while high - low > 1:
@@ -36,7 +37,7 @@ def _interval(edges: FloatArray, value: float) -> int:
     return low
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def height(patches: FloatArray, x_mm: FloatArray, y_mm: FloatArray, x: float, y: float) -> tuple[float, float, float]:
     """Displacement w and its slopes w_x, w_y at wing point (x, y) in mm.
 
@@ -59,7 +60,7 @@ def height(patches: FloatArray, x_mm: FloatArray, y_mm: FloatArray, x: float, y:
     return w + w_x * (x - xc) + w_y * (y - yc), w_x, w_y
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def heights(patches: FloatArray, x_mm: FloatArray, y_mm: FloatArray, points_mm: FloatArray) -> FloatArray:
     """w, w_x, w_y (P, 3) at wing points (P, 2); see `height`."""
     out = np.empty((len(points_mm), 3))

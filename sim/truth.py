@@ -25,7 +25,7 @@ def wing_truth(
     """The arrays of truth.npz.
 
     times_ns (T,); cells_mm (N, 2): centres on the flat wing; displacement_mm (T, N) along the wing's Z. Returns times
-    (T,) in s, X_left (T, N, 3) in mm, uv_left and uv_right (T, N, 2) in image pixels, in sight or not, and the constants.
+    (T,) in s, X_left (T, N, 3) in mm, uv_left and uv_right (T, N, 2) in image pixels, in view or not, and constants.
     """
     flat = np.broadcast_to(cells_mm, (*displacement_mm.shape, 2))
     xyz = pose.to_left(np.concatenate([flat, displacement_mm[..., None]], axis=-1))

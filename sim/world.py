@@ -24,7 +24,8 @@ class World:
     """One run. Rendering one eye is for one thread at a time; the two eyes may be rendered side by side.
 
     times_ns (T,): the trigger edges; eyes: the true cameras (left, right); pose: the wing's true one; cells_mm (N, 2):
-    centres on the flat wing; modes: all computed; motion: those that move; tip_mm (T, M): tip displacement in each.
+    centres on the flat wing; art: its paint; modes: all computed; motion: those that move; tip_mm (T, M):
+    displacement of the tip in each of them.
     """
 
     def __init__(self, scenario: Scenario, seed: int | None = None) -> None:
@@ -91,10 +92,10 @@ class World:
             extent_mm=np.array([wing.length_mm, wing.width_mm]),
             direction=direction / np.linalg.norm(direction),
         )
-        art = make_artwork(self.scenario, np.random.default_rng([self.seed, _PAINT]))
+        self.art = make_artwork(self.scenario, np.random.default_rng([self.seed, _PAINT]))
         noise = noise_table(max(eye.width for eye in self.eyes), self._seed(_NOISE))
         left, right = (
-            Renderer(eye, self.pose, art, light, sensor, level * lamp.background, noise) for eye in self.eyes
+            Renderer(eye, self.pose, self.art, light, sensor, level * lamp.background, noise) for eye in self.eyes
         )
         return left, right
 

@@ -3,7 +3,6 @@
 import csv
 import json
 import struct
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Run:
-    """A run's files. points, quality and diagram hold arrays by the names of the contract; empty where there is no file.
+    """A run's files. points, quality and diagram hold arrays by the contract's names; empty where there is no file.
 
     estimates: one entry a mode and a published estimate: the slot of /mode with the estimate's tick and time_s.
     pictures: left and right, as far as there are any.
@@ -134,8 +133,3 @@ def _picture(path: Path) -> Picture | None:
     if png[:8] != b"\x89PNG\r\n\x1a\n" or len(png) < 24:
         raise ValueError(f"{path.name} is no PNG image")
     return Picture(png, *struct.unpack(">II", png[16:24]))
-
-
-def count_events(events: list[dict[str, Any]]) -> Counter[str]:
-    """How often each severity occurred."""
-    return Counter(event["severity"] for event in events)

@@ -90,7 +90,7 @@ def stationary(modes, duration_s, rate_hz, points, noise_mm, seed):
 
 
 def flight(ticks, seed, amplitude_mm=(10.0, 1.0, 1.0), noise_mm=0.01, echo=1e-3):
-    """What the cameras see: 255 cells x 3 axes at 15 Hz, smooth and white errors, 2 % missing, weak bending non-linearity."""
+    """What the cameras see: 255 cells x 3 axes at 15 Hz, smooth and white errors, 2 % missing, weak echoes."""
     rng = np.random.default_rng(seed)
     x, y = grid(15, 17)
     form = shapes(x, y)

@@ -37,22 +37,20 @@ def test_uncertainty_law_gives_the_known_limits_of_120_s():
 
 
 def test_ambient_modes_are_found_within_their_intervals():
-    errors, spurious, missed = [], 0, 0
-    for seed in range(5):
+    deviations = []
+    for seed in range(3):
         found = identify(*stationary(MODES, 120.0, 20.0, (5, 4), 0.2, 100 + seed))
         assert found.kind == "ambient"
-        for f in MODES.values():
-            near = [m for m in found.valid_modes if abs(m.frequency_hz - f) < 0.02 * f]
-            missed += not near
-            errors += [
-                ((m.frequency_hz - f) / m.frequency_sigma_hz, (m.damping_ratio - DAMPING) / m.damping_ratio_sigma)
-                for m in near
-            ]
-        spurious += len(found.valid_modes) - sum(
-            any(abs(m.frequency_hz - f) < 0.02 * f for f in MODES.values()) for m in found.valid_modes
-        )
-    assert missed <= 2 and spurious == 0
-    assert np.mean(np.abs(errors) < 1.96) > 0.8
+        near = [[m for m in found.modes if abs(m.frequency_hz - f) < 0.02 * f] for f in MODES.values()]
+        assert all(near)
+        # 86 cycles leave the first mode's damping so uncertain that it may be told apart from a line, or not.
+        assert all(any(m.valid for m in modes) for modes in near[1:])
+        for f, modes in zip(MODES.values(), near, strict=True):
+            for m in (m for m in modes if m.valid):
+                deviations.append((m.frequency_hz - f) / m.frequency_sigma_hz)
+                deviations.append((m.damping_ratio - DAMPING) / m.damping_ratio_sigma)
+        assert sum(m.valid for modes in near for m in modes) == len(found.valid_modes)
+    assert np.mean(np.abs(deviations) < 1.96) > 0.8
 
 
 @pytest.mark.parametrize("kind", ["auto", "decay", "ambient"])

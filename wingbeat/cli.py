@@ -1,16 +1,17 @@
-"""The command `wingbeat`: finds the commands that the rooms registered as entry points, and loads one when it is called."""
+"""The command `wingbeat`: finds the commands that the rooms registered, and loads one when it is called."""
 
 import os
 import sys
 from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
-import click
 import typer
 
 from wingbeat import __version__
 from wingbeat.errors import InputError
 
 GROUP = "wingbeat.commands"
+PLAIN: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 
 
 class Commands(typer.core.TyperGroup):
@@ -20,14 +21,14 @@ class Commands(typer.core.TyperGroup):
     def _registered() -> dict[str, EntryPoint]:
         return {point.name: point for point in entry_points(group=GROUP)}
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
+    def list_commands(self, ctx: Any) -> list[str]:
         return sorted(self._registered())
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
         point = self._registered().get(cmd_name)
         if point is None:
             return None
-        app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+        app = typer.Typer(**PLAIN)
         app.command(cmd_name)(point.load())
         return typer.main.get_command(app)
 
@@ -61,3 +62,7 @@ def main() -> None:
             f"wingbeat: internal error: {name}: {' '.join(str(error).split())}; "
             "this is a defect of wingbeat: please report it with the output of WINGBEAT_TRACEBACK=1"
         )
+
+
+if __name__ == "__main__":
+    main()

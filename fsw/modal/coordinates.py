@@ -10,9 +10,12 @@ from scipy.interpolate import Akima1DInterpolator
 
 FloatArray = NDArray[np.float64]
 
-# Rounds of estimating each channel's own noise and projecting again; the second changes little, a third
-# nothing.
+# Directions in each round of filling gaps: the strong ones first, for weak ones would learn the guess's errors.
+_FILLING = (2, 4, 8)
+# Rounds of estimating each channel's own noise and projecting again; a third changes nothing.
 _ROUNDS = 2
+# Share of a direction that must be seen at a tick for the tick to speak for it.
+_UNTOLD = 0.03
 # A channel counts if this share of its samples is there, and a tick if this share of the channels is.
 _LEAST_SHARE = 0.5
 # Half-band filter of the octaves: flat to 0.2 of the rate, silent above 0.3.
@@ -99,15 +102,17 @@ def _project(y: FloatArray, present: NDArray[np.bool_], count: int) -> tuple[Flo
     """Signals (T, p), basis (L, p) and y with its gaps filled, by principal components of channels of equal noise."""
     scale = np.full(y.shape[1], max(float(y.std()), 1e-300))
     gaps = not bool(present.all())
-    for _ in range(_ROUNDS):
-        V = _leading_directions(y / scale, count)
+    filling = [rank for rank in _FILLING if rank < count] if gaps else []
+    for rank in [*filling, *[count] * _ROUNDS]:
+        V = _leading_directions(y / scale, rank)
         signals = (y / scale) @ V
         if gaps:
-            # Least squares on the channels that are there, tick by tick: (V^T W V) a = V^T W y.
+            # Least squares on the channels that are there, tick by tick: (V^T W V) da = V^T W (y - V a). A direction
+            # that only missing channels could tell keeps its value from the fill before.
             outer = (V[:, :, None] * V[:, None, :]).reshape(len(V), -1)
-            normal = (present @ outer).reshape(-1, V.shape[1], V.shape[1])
-            right = np.where(present, y / scale, 0.0) @ V
-            signals = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+            normal = (present @ outer).reshape(-1, V.shape[1], V.shape[1]) + _UNTOLD * np.eye(V.shape[1])
+            wrong = np.where(present, y / scale - signals @ V.T, 0.0) @ V
+            signals = signals + np.linalg.solve(normal, wrong[:, :, None])[:, :, 0]
             y = np.where(present, y, (signals @ V.T) * scale)
         noise = np.sqrt(np.mean((y - (signals @ V.T) * scale) ** 2, axis=0))
         basis = V * scale[:, None]

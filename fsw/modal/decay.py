@@ -17,8 +17,14 @@ from fsw.modal.uncertainty import direction, noise_beside
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+# Fewer samples than this hold no mode.
+LEAST_SAMPLES = 24
 # Looks at the residual. Each can only add modes that the likelihood asks for.
 _PASSES = 4
+# Rounds of refining poles and noise in turn; the poles move by far less than their sigmas after the second.
+_REFINEMENTS = 3
+# A mode takes two unknowns of each coordinate and two of its own: no more modes than the samples can tell.
+_SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
 _FALSE_ALARM = 1e-9
 # Poles of one shape nearer than this many 1 / T are one mode, split.
@@ -49,24 +55,23 @@ def find_decay(
     estimated on the way.
     """
     degree = options.drift_degree
-    whitening = np.diag(1.0 / np.maximum(signals.std(axis=0), 1e-300))
+    most = min(options.most_modes, (len(time_s) - degree) // _SAMPLES_OF_A_MODE)
     known: list[Candidate] = []
-    fit = project(time_s, signals @ whitening, np.zeros(0, np.complex128), degree)
     diagram: list[Pole] = []
-    for number in range(_PASSES):
-        rest = signals @ whitening if number else signals
-        left_over = fit.residual if number else rest - fit.orthonormal @ (fit.orthonormal.T @ rest)
+    # At first the fit is the drift alone, of signals as they are: the whitening is known once modes are.
+    fit = project(time_s, signals, np.zeros(0, np.complex128), degree)
+    for _ in range(_PASSES):
         found, poles = subspace_candidates(
-            even_grid(time_s, left_over, rate_hz), rate_hz, correlation, options.block_rows, options.order
+            even_grid(time_s, fit.residual, rate_hz), rate_hz, correlation, options.block_rows, options.order
         )
         diagram = diagram or poles
         fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole.s, fit, time_s)]
-        fresh = fresh[: max(options.most_modes - len(known), 0)]
+        fresh = fresh[: max(most - len(known), 0)]
         if not fresh:
             break
         before = len(known)
         poles_now = np.concatenate([fit.poles, [c.pole.s for c in fresh]])
-        fit, known, whitening = _settle(time_s, signals, poles_now, [*known, *fresh], degree)
+        fit, known = _settle(time_s, signals, poles_now, [*known, *fresh], degree)
         if len(known) <= before:
             break
     return Decay(
@@ -79,7 +84,7 @@ def find_decay(
 
 def _settle(
     time_s: FloatArray, signals: FloatArray, poles: ComplexArray, known: list[Candidate], degree: int
-) -> tuple[Fit, list[Candidate], FloatArray]:
+) -> tuple[Fit, list[Candidate]]:
     """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well."""
     whitening = _whitening(signals, project(time_s, signals, poles, degree))
     searched = False
@@ -94,8 +99,8 @@ def _settle(
             known = [c for c, k in zip(known, keep, strict=True) if k]
         else:
             poles = fit.poles
-            if refined == 3 or (len(poles) == 0 and searched):
-                return fit, known, whitening
+            if refined == _REFINEMENTS or (len(poles) == 0 and searched):
+                return fit, known
             refined += int(searched)
             searched = True
         base = project(time_s, signals, poles, degree)
@@ -166,7 +171,8 @@ def onset(time_s: FloatArray, signals: FloatArray) -> int:
     before = float(np.median(loud[: strike + 1]))
     if strike == 0 or loud[strike] < 16.0 * before or strike > 0.7 * len(pieces):
         return 0
-    return int(pieces[min(strike + 1, len(pieces) - 1)][0])
+    start = int(pieces[min(strike + 1, len(pieces) - 1)][0])
+    return start if len(signals) - start >= LEAST_SAMPLES else 0
 
 
 def convincing(

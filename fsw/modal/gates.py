@@ -21,10 +21,11 @@ LARGEST_AMBIENT_DAMPING_SIGMA = 0.9
 # A frequency that moves by more than this share of itself within the record is not one frequency.
 LARGEST_CHANGE = 0.005
 CHANGE_DEVIATIONS = 4.0
-LEAST_CYCLES = 3.0
-# Perspective and bending make weak copies of strong modes at sums, differences and multiples of their
-# frequencies.
-COMBINATION_AMPLITUDE = 0.01
+LEAST_CYCLES = 2.5
+# Perspective and bending make weak copies of strong modes at sums, differences and multiples of their frequencies;
+# copies of higher order are weaker still.
+COMBINATION_AMPLITUDE = 0.03
+HIGH_COMBINATION_AMPLITUDE = 0.01
 COMBINATION_FREQUENCY = 0.003
 LEAST_RELATIVE_AMPLITUDE = 1e-3
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there.
@@ -114,7 +115,9 @@ def weak_flags(
     def meets(combined_hz: float, tolerance_hz: float) -> bool:
         return abs(f - combined_hz) < max(COMBINATION_FREQUENCY * f, 3.0 * (sigma_hz[index] + tolerance_hz))
 
-    multiples = any(meets(n * frequency_hz[j], n * sigma_hz[j]) for j in parents for n in range(2, 9))
+    strongest = [j for j in parents if amplitude[index] < HIGH_COMBINATION_AMPLITUDE * amplitude[j]]
+    multiples = any(meets(n * frequency_hz[j], n * sigma_hz[j]) for j in parents for n in (2, 3))
+    multiples |= any(meets(n * frequency_hz[j], n * sigma_hz[j]) for j in strongest for n in range(4, 9))
     sums = any(
         meets(abs(m * frequency_hz[a] + n * frequency_hz[b]), abs(m) * sigma_hz[a] + abs(n) * sigma_hz[b])
         for a, b in combinations_with_replacement(sorted({*parents, *others}), 2)

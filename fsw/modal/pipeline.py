@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates, principal_coordinates
 from fsw.modal.correlation import fixed_window, spectral
+from fsw.modal.decay import LEAST_SAMPLES
 from fsw.modal.free_modes import identify_decay
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
@@ -15,8 +16,6 @@ from wingbeat.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-# Fewer samples than this hold no mode.
-LEAST_SAMPLES = 24
 # Flags of a mode that the noise may have made.
 _UNSEEN = {"weak", "incoherent", "imprecise"}
 # Longest piece that the spectrum for the report is made of.

@@ -46,9 +46,6 @@ class VisionTable(Table, frozen=True):
     reprojection_gate_px: Annotated[
         float, Meta(gt=0.0, le=100.0, description="largest rms reprojection error of a point, px")
     ]
-    match_tolerance_px: Annotated[
-        float, Meta(gt=0.0, le=100.0, description="eta: a right match is this near its prediction (Eq. 26), px")
-    ]
     precision_weight: Annotated[
         float, Meta(gt=0.0, le=1000.0, description="b of Eq. 24: how much more precision counts than recall")
     ]

@@ -79,7 +79,7 @@ def _explain(message: str, document: dict[str, Any], kind: type) -> tuple[str, s
     shown = value if len(value) <= 60 else value[:57] + "..."
     what = f"{path.lstrip('.')} = {shown}"
     if text.startswith("Invalid enum value"):
-        return what, f"allowed: {', '.join(_type_at(kind, path).values)}"
+        return what, f"allowed: {', '.join(map(str, _type_at(kind, path).values))}"
     for ours, name in (("`", ""), ("object", "table"), ("array", "list"), ("str", "text")):
         text = text.replace(ours, name)
     return what, text[:1].lower() + text[1:]

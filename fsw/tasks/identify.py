@@ -39,6 +39,7 @@ class Identify:
         self._xyz_mm = np.zeros((table.history_ticks, count, 3))
         self._samples = self._tick = self._taken_ns = 0
         self._result: ModalResult | None = None
+        self._cells = np.zeros(0, np.int64)
         self._options = Options(
             coordinates=table.coordinates,
             block_rows=table.block_rows,
@@ -68,12 +69,12 @@ class Identify:
         """Identify the copied record."""
         time_ns, xyz = self._time_ns[: self._samples], self._xyz_mm[: self._samples]
         measured = np.isfinite(xyz[:, :, 0])
-        cells = measured.mean(axis=0) >= LEAST_SHARE
-        if not cells.any():
+        self._cells = np.flatnonzero(measured.mean(axis=0) >= LEAST_SHARE)
+        if len(self._cells) == 0:
             self._result = None
             return
-        y = xyz[:, cells].reshape(self._samples, -1)
-        time_s = (time_ns - time_ns[0]) * 1e-9
+        y = xyz[:, self._cells].reshape(self._samples, -1)
+        time_s = np.asarray((time_ns - time_ns[0]) * 1e-9, np.float64)
         self._result = identify(time_s, y, self._table.kind, self._options)
 
     def deliver(self, tick: int) -> None:
@@ -81,7 +82,7 @@ class Identify:
         if self._result is None:
             return
         state = self._state
-        state.estimate = Estimate(self._result, self._tick, self._taken_ns, self._samples)
+        state.estimate = Estimate(self._result, self._cells, self._tick, self._taken_ns, self._samples)
         state.new_estimate = True
         show(state, state.estimate)
 

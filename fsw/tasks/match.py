@@ -4,8 +4,12 @@ import numpy as np
 
 from fsw.tables.flight import VisionTable
 from fsw.tasks.state import State
+from fsw.vision.descriptor import describe as rpd
+from fsw.vision.descriptor import find_borders
+from fsw.vision.descriptor import match as match_by_rpd
 from fsw.vision.enhancement import char
 from fsw.vision.matching import (
+    SAME,
     count_correct,
     describe,
     fit_homography,
@@ -13,7 +17,7 @@ from fsw.vision.matching import (
     match_descriptors,
     queue_variance,
 )
-from fsw.vision.quality import comprehensive_matching, matching_uniqueness, precision_recall
+from fsw.vision.quality import comprehensive, match_quality
 from telemetry.dictionary import CHAR, CMP, MU, PRECISION, RECALL
 
 NAN = float("nan")
@@ -64,22 +68,43 @@ class Match:
             describe(centre, found, H, self._boundary_mm, work.descriptor_mm[eye])
         detected = tracker.both_found()
         match_descriptors(work, self._pitch_mm, state.matched)
+        if self._table.method == "paper":
+            self._as_printed()
         side_px = tracker.cell_side_px(RIGHT)
         correct = count_correct(work, tracker.centre_px[LEFT], tracker.centre_px[RIGHT], state.matched, side_px)
         self._judge(correct, detected, tracker.expected_count)
 
+    def _as_printed(self) -> None:
+        """Match by the paper's own descriptor: boundaries from the statistics of the points in view of each eye."""
+        grid, matched = self._state.tracker.grid, self._state.matched
+        places, described = [], []
+        for eye in (LEFT, RIGHT):
+            index = np.flatnonzero(self._state.tracker.cells[eye].found)
+            xy = self._work.descriptor_mm[eye][index] + self._boundary_mm[index]
+            borders = find_borders(xy, grid.panels[0].pitch_mm)
+            if borders is None:
+                matched.fill(False)
+                return
+            places.append(index)
+            described.append(rpd(xy, borders))
+        pairs = match_by_rpd(described[LEFT], described[RIGHT], SAME * float(self._pitch_mm.min()))
+        left, right = places[LEFT][pairs[:, 0]], places[RIGHT][pairs[:, 1]]
+        both = matched.copy()
+        matched.fill(False)
+        matched[left[left == right]] = True
+        matched &= both
+
     def _judge(self, correct: int, detected: int, total: int) -> None:
         """Eq. 15-30; detected: cells found in both eyes; total: cells whose centres both eyes should see."""
         state, work = self._state, self._work
-        precision, recall = precision_recall(correct, detected, total)
-        mu = matching_uniqueness(precision, recall, self._table.precision_weight)
+        quality = match_quality(total, detected, correct, self._table.precision_weight)
         scale = state.tracker.px_per_mm(LEFT)
         left = work.descriptor_mm[LEFT]
         in_column = queue_variance(left[:, 0], self._column, state.matched, scale, work.queue)
         in_row = queue_variance(left[:, 1], self._row, state.matched, scale, work.queue)
         scene = char(in_column, in_row)
         state.board.set(CHAR, scene)
-        state.board.set(MU, mu)
-        state.board.set(CMP, comprehensive_matching(scene, mu))
-        state.board.set(PRECISION, precision)
-        state.board.set(RECALL, recall)
+        state.board.set(MU, quality.uniqueness)
+        state.board.set(CMP, comprehensive(scene, quality.uniqueness))
+        state.board.set(PRECISION, quality.precision)
+        state.board.set(RECALL, quality.recall)

@@ -32,9 +32,10 @@ class Pair:
 
 @dataclass
 class Estimate:
-    """A delivered identification, by identify: the result and the newest frame in it."""
+    """A delivered identification: the result, the cells (K,) whose x, y, z were its channels, its newest frame."""
 
     result: ModalResult
+    cells: NDArray[np.int64]
     tick: int
     time_ns: int
     samples: int

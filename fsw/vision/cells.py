@@ -1,13 +1,14 @@
-"""Cells of a binary image: the paper's centres from boundary pixels, and corners of the quadrilaterals that contours show."""
+"""Cells of a binary image: the paper's centres from boundary pixels, and corners from contours."""
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.clustering import ByteImage, FloatArray, Image, binarise
+from wingbeat.kernels import kernel
 
-# Points nearer to a corner than this part of a side do not count for the side's line: corners are rounded by the lens.
+# Points nearer to a corner than this part of a side do not count for the side's line: corners are rounded by the
+# lens.
 _MIDDLE = 0.72
 _MAX_RESIDUAL = 0.045  # rms distance of a side's points from its line, in parts of the cell's smaller size
 
@@ -16,14 +17,15 @@ def gradient(image: Image | ByteImage) -> tuple[NDArray[np.float32], NDArray[np.
     """Sobel magnitude (Eq. 10) and direction in rad (Eq. 11) of an image (h, w)."""
     dx = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3)
     dy = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3)
-    return cv2.magnitude(dx, dy), cv2.phase(dx, dy)
+    return np.asarray(cv2.magnitude(dx, dy), np.float32), np.asarray(cv2.phase(dx, dy), np.float32)
 
 
 def paper_centres(image: Image, dark: bool, area_px: tuple[float, float]) -> FloatArray:
     """Feature points (n, 2) in px as in the paper: K-means, binary image, Sobel, mean of each cell's boundary pixels.
 
-    image (h, w), 8 or 16 bits; area_px: least and greatest area of a cell. Eq. 6-12, taken literally: one threshold for the
-    whole image, and a mean that is not quite the cell's centre under perspective. Cells cut by the image's rim are left out.
+    image (h, w), 8 or 16 bits; area_px: least and greatest area of a cell. Eq. 6-12, taken literally: one threshold
+    for the whole image, and a mean that is not quite the cell's centre under perspective. Cells at the rim are left
+    out.
     """
     binary = binarise(image, dark)
     magnitude, _ = gradient(binary)
@@ -45,8 +47,9 @@ def paper_centres(image: Image, dark: bool, area_px: tuple[float, float]) -> Flo
 def quadrilaterals(cells: ByteImage, cell_px: tuple[float, float], tolerance: float) -> FloatArray:
     """Corners (n, 4, 2) in px of the blobs that look like a cell; corner order as in CellGrid.
 
-    cells (h, w): blobs nonzero, their sides roughly along the axes. cell_px: expected width and height; tolerance: how far
-    the sides may differ from them, relative. A line is fitted to the middle of each side; corners are their crossings.
+    cells (h, w): blobs nonzero, their sides roughly along the axes. cell_px: expected width and height; tolerance:
+    how far the sides may differ from them, relative. A line is fitted to the middle of each side; corners are their
+    crossings.
     """
     contours, hierarchy = cv2.findContours(cells, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     least = 2.0 * (1.0 - tolerance) * sum(cell_px) * 0.8
@@ -61,8 +64,10 @@ def quadrilaterals(cells: ByteImage, cell_px: tuple[float, float], tolerance: fl
     return np.asarray(corners[good])
 
 
-@njit(cache=True, nogil=True)
-def _fit(points, first, cell_px, tolerance, size):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+@kernel
+def _fit(
+    points: FloatArray, first: NDArray[np.int64], cell_px: FloatArray, tolerance: float, size: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Corners (n, 4, 2) and whether they make a cell (n,), of contours given by their points and first indices."""
     count = len(first) - 1
     corners = np.empty((count, 4, 2))
@@ -130,8 +135,8 @@ def _fit(points, first, cell_px, tolerance, size):  # type: ignore[no-untyped-de
     return corners, good
 
 
-@njit(cache=True, nogil=True)
-def refine(corners, view, reach):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+@kernel
+def refine(corners: FloatArray, view: NDArray[np.float32], reach: int) -> None:
     """Move corners (n, 4, 2) of dark cells to where the view (h, w) rises most steeply across each side.
 
     reach: px that an edge may lie off. A side with too few clear edges stays. Written in place.

@@ -2,8 +2,9 @@
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -12,8 +13,8 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 FloatImage = NDArray[np.float32]
 
 CLASSES = 3  # K of the paper: background, cells, lines
-# A pixel belongs to a line where its ridge reaches this part of the ridges around it: below one half, so that a line which
-# the lens has blurred still separates two cells beside a broad bright border.
+# A pixel belongs to a line where its ridge reaches this part of the ridges around it: below one half, so that a
+# line which the lens has blurred still separates two cells beside a broad bright border.
 _RIDGE = 0.45
 # Lines beside a shadow's edge are looked for down to this part of the lit ones' ridge.
 _SHADE = 0.3
@@ -23,8 +24,8 @@ _PLATEAU = 0.75
 _NOISE = 5.0
 
 
-@njit(cache=True, nogil=True)
-def histogram(image, levels, row_step):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+@kernel
+def histogram(image: Image, levels: int, row_step: int) -> IntArray:
     """Count (levels,) of each grey value in every row_step-th row of an image."""
     count = np.zeros(levels, dtype=np.int64)
     for y in range(0, image.shape[0], row_step):
@@ -33,8 +34,8 @@ def histogram(image, levels, row_step):  # type: ignore[no-untyped-def]  # a ker
     return count
 
 
-@njit(cache=True, nogil=True)
-def _split(values, weights, classes):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+@kernel
+def _split(values: FloatArray, weights: FloatArray, classes: int) -> IntArray:
     """First index of each class (classes + 1,) in the partition of sorted values with the least sum of squares."""
     n = len(values)
     origin = values[n // 2]
@@ -80,8 +81,8 @@ def _split(values, weights, classes):  # type: ignore[no-untyped-def]  # a kerne
 def kmeans(count: IntArray, classes: int = CLASSES) -> tuple[FloatArray, IntArray]:
     """Exact K-means of grey values from their histogram (Eq. 6-9), by dynamic programming.
 
-    count (levels,). Returns centres (K,), rising, and thresholds (K - 1,): the highest grey value of each lower class.
-    K is at most the number of different grey values: with fewer, fewer classes come back.
+    count (levels,). Returns centres (K,), rising, and thresholds (K - 1,): the highest grey value of each lower
+    class. K is at most the number of different grey values: with fewer, fewer classes come back.
     """
     values = np.flatnonzero(count)
     classes = min(classes, len(values))
@@ -96,7 +97,8 @@ def kmeans(count: IntArray, classes: int = CLASSES) -> tuple[FloatArray, IntArra
 def binarise(image: Image, dark: bool, classes: int = CLASSES, row_step: int = 4) -> ByteImage:
     """Cells 255, all else 0, split where K-means sees the greatest step between neighbouring classes.
 
-    image (h, w), 8 or 16 bits. One threshold for the whole image, as in the paper: it fails under a shadow or gradient.
+    image (h, w), 8 or 16 bits. One threshold for the whole image, as in the paper: it fails under a shadow or
+    gradient.
     """
     count = histogram(image, int(np.iinfo(image.dtype).max) + 1, row_step)
     centres, thresholds = kmeans(count, classes)
@@ -112,9 +114,10 @@ def local_cells(
 ) -> tuple[ByteImage, float]:
     """Cells 255, all else 0, in a metric view whose cells are DARK and lie along its axes; for any smooth light.
 
-    view (h, w); cell_px, line_px: width and height of cells, and of the lines across x and across y. Also returns the typical
-    contrast of a line. Lines are ridges against what lies within a third of a cell (top-hat along x and along y), judged by the
-    ridges near by; borders wider than that, and a bright background, rise above the cells' local level.
+    view (h, w); cell_px, line_px: width and height of cells, and of the lines across x and across y. Also returns
+    the typical contrast of a line. Lines are ridges against what lies within a third of a cell (top-hat along x and
+    along y), judged by the ridges near by; borders wider than that, and a bright background, rise above the cells'
+    local level.
     """
     height, width = view.shape
     reach = 0.3 * min(cell_px)
@@ -123,8 +126,9 @@ def local_cells(
     over = [int(np.ceil(n / t)) for n, t in zip((width, height), tile, strict=True)]
     ridge = np.zeros(view.shape, dtype=bool)
     contrast = np.zeros((over[1], over[0]), dtype=np.float32)
-    for along, kernel in enumerate((np.ones((1, span[0]), np.uint8), np.ones((span[1], 1), np.uint8))):
-        hat = cv2.morphologyEx(view, cv2.MORPH_TOPHAT, kernel, borderType=cv2.BORDER_REPLICATE)
+    for along, shape in enumerate((np.ones((1, span[0]), np.uint8), np.ones((span[1], 1), np.uint8))):
+        top = cv2.morphologyEx(view, cv2.MORPH_TOPHAT, shape, borderType=cv2.BORDER_REPLICATE)
+        hat = np.asarray(top, dtype=np.float32)
         tiles = _tiles(hat, tile, over)
         # The highest ridge across a tile, averaged along it: a hot pixel or a hinge counts little.
         level = tiles.max(axis=3).mean(axis=1) if along == 0 else tiles.max(axis=1).mean(axis=2)
@@ -144,7 +148,7 @@ def _tiles(view: FloatImage, tile: list[int], over: list[int]) -> FloatImage:
     """View as (tile row, y in it, tile column, x in it); the last ones are filled by repeating the edge."""
     pad = (over[1] * tile[1] - view.shape[0], over[0] * tile[0] - view.shape[1])
     filled = cv2.copyMakeBorder(view, 0, pad[0], 0, pad[1], cv2.BORDER_REPLICATE)
-    return filled.reshape(over[1], tile[1], over[0], tile[0])
+    return np.asarray(filled, dtype=np.float32).reshape(over[1], tile[1], over[0], tile[0])
 
 
 def _rank(level: FloatImage, rank: int) -> FloatImage:
@@ -157,4 +161,4 @@ def _rank(level: FloatImage, rank: int) -> FloatImage:
 def _spread(level: FloatImage, tile: list[int], shape: tuple[int, ...]) -> FloatImage:
     """Values at the tiles' centres, interpolated to every pixel."""
     full = cv2.resize(level, (level.shape[1] * tile[0], level.shape[0] * tile[1]), interpolation=cv2.INTER_LINEAR)
-    return full[: shape[0], : shape[1]]
+    return np.asarray(full, dtype=np.float32)[: shape[0], : shape[1]]

@@ -1,4 +1,4 @@
-"""Relative position descriptor: a point's distance to the fold gap and to the lower border, and matching by it (Eq. 21-23).
+"""Relative position descriptor: distance to the fold gap and the lower border, and matching by it (Eq. 21-23).
 
 Everything here takes enhanced coordinates: points of the equivalent view, where columns run along y.
 """
@@ -24,7 +24,7 @@ class Borders(NamedTuple):
 
 
 def gap_threshold(pitch: float, nearest_gap: float) -> float:
-    """Threshold eta_boundary of Eq. 21: halfway between the columns' pitch and the distance of columns across a fold."""
+    """Threshold eta_boundary of Eq. 21: halfway between the pitch and the distance of columns across a fold."""
     return 0.5 * (pitch + nearest_gap)
 
 
@@ -38,8 +38,9 @@ def column_positions(x: FloatArray, pitch: float) -> FloatArray:
 def fold_gaps(x: FloatArray, pitch: float, threshold: float | None = None) -> FloatArray:
     """Intervals (m, 2) b_l, b_r between neighbouring columns that are wider than the threshold (Eq. 21).
 
-    x (n,): enhanced coordinate of all points. threshold: eta_boundary; by default a fifth more than the pitch. A column that was
-    not detected looks like a gap too: pass a threshold and check the width where the wing's gap is known.
+    x (n,): enhanced coordinate of all points. threshold: eta_boundary; by default a fifth more than the pitch. A
+    column that was not detected looks like a gap too: pass a threshold and check the width where the wing's gap is
+    known.
     """
     column = column_positions(x, pitch)
     limit = (1.0 + _GAP_PART) * pitch if threshold is None else threshold
@@ -50,7 +51,8 @@ def fold_gaps(x: FloatArray, pitch: float, threshold: float | None = None) -> Fl
 def find_borders(xy: FloatArray, pitch: tuple[float, float], threshold: float | None = None) -> Borders | None:
     """Borders of points (n, 2): the first fold gap, and the lowest row that is in view; None where no gap is in view.
 
-    The lowest row seen stands for the wing's border only if the eye sees the border: the paper takes that for granted.
+    The lowest row seen stands for the wing's border only if the eye sees the border: the paper takes that for
+    granted.
     """
     gaps = fold_gaps(xy[:, 0], pitch[0], threshold)
     if not len(gaps):

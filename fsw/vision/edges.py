@@ -10,17 +10,19 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[Any]  # uint8 or uint16, (height, width)
 Point = tuple[float, float]
 
-BIN_PX = 0.25  # fine against the blur of any lens, coarse against the cost
-BINS = 128  # 32 px: the widest window, in bins
+BIN_PX = 0.5  # fine against the blur of any lens with its pixel, coarse against the cost
+BINS = 64  # 32 px: the widest window, in bins
 SEGMENTS = 6  # at most, on a side
-FIT_STEPS = 5  # Gauss-Newton steps of one edge model
+FIT_STEPS = 6  # Gauss-Newton steps of one edge model, at most
+SETTLED_PX = 2e-3  # a step shorter than this is the last but one: the next is shorter than its square
 MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else's
 
 # Rows of Scratch.pooled: Gauss-Newton sums that correct the blur, and the relative width of the lines that run
@@ -66,7 +68,7 @@ STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
 _PIXEL = 0.5  # half of the pixel over which the sensor averages
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tabulate_step(blur_px: float, out: FloatArray) -> None:
     """Fill out (STEP_ROWS, 3) with a unit step seen through lens and pixel, its slope, and its change with blur.
 
@@ -85,7 +87,7 @@ def tabulate_step(blur_px: float, out: FloatArray) -> None:
         out[i, 0], out[i, 1], out[i, 2] = value, slope, change
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _look_up(step: FloatArray, x: float) -> tuple[float, float, float]:
     """Blurred unit step, slope and change with blur at x px, from the table."""
     place = (x + STEP_REACH_PX) * STEP_PER_PX
@@ -99,7 +101,7 @@ def _look_up(step: FloatArray, x: float) -> tuple[float, float, float]:
     return a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve(A: FloatArray, b: FloatArray, n: int) -> bool:
     """Solve the symmetric A x = b in place by Cholesky; A keeps its factor, b becomes x. False if A is not definite."""
     for i in range(n):
@@ -124,7 +126,7 @@ def solve(A: FloatArray, b: FloatArray, n: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: float, width_row: int) -> EdgeFit:
     """Fit cell | line | next cell (width_px > 0) or cell | border (width_px = 0) to the gathered bins.
 
@@ -134,12 +136,15 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
     total, place, count, A, b = scratch.total, scratch.place, scratch.number, scratch.normal, scratch.right
     n = 4 if width_px > 0.0 else 3
     used = 0
-    for i in range(BINS):
-        used += count[i] > 0
+    for i in range(BINS):  # gather the filled bins at the front, as means
+        if count[i] > 0.0:
+            c = count[i]
+            total[used], place[used], count[used] = total[i] / c, place[i] / c, c
+            used += 1
     if used < n + 2:
         return _NO_EDGE
     offset, inside, line, beyond = 0.0, 0.0, 0.0, 0.0
-    squares, previous = 0.0, 0.0
+    squares, previous, last_turn = 0.0, 0.0, FIT_STEPS
     for turn in range(FIT_STEPS + 1):
         # Parameters: cell, line, (next cell,) offset. At turn 0 the offset is held: grey values alone are found.
         for i in range(n):
@@ -148,20 +153,18 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
                 A[i, j] = 0.0
         squares = 0.0
         blur_num, blur_den, width_num, width_den = 0.0, 0.0, 0.0, 0.0
-        for i in range(BINS):
+        for i in range(used):
             c = count[i]
-            if c == 0:
-                continue
-            x = place[i] / c - offset
+            x = place[i] - offset
             s1, d1, blur1 = _look_up(step, x)
             s2, d2, blur2 = 0.0, 0.0, 0.0
             if n == 4:
                 s2, d2, blur2 = _look_up(step, x - width_px)
             j_inside, j_line, j_beyond = 1.0 - s1, s1 - s2, s2
             j_offset = -((line - inside) * d1 + (beyond - line) * d2)
-            r = total[i] / c - (inside * j_inside + line * j_line + beyond * j_beyond)
+            r = total[i] - (inside * j_inside + line * j_line + beyond * j_beyond)
             squares += c * r * r
-            if turn == FIT_STEPS:
+            if turn == last_turn:
                 j_blur = (line - inside) * blur1 + (beyond - line) * blur2
                 blur_num += c * r * j_blur
                 blur_den += c * j_blur * j_blur
@@ -191,7 +194,7 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
             A[n - 1, n - 1] = 1.0
         if not solve(A, b, n):
             return _NO_EDGE
-        if turn == FIT_STEPS:
+        if turn == last_turn:
             scratch.pooled[BLUR, 0] += blur_num
             scratch.pooled[BLUR, 1] += blur_den
             scratch.pooled[width_row, 0] += width_num
@@ -203,6 +206,8 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
             beyond += b[2]
         previous = min(max(b[n - 1], -blur_px), blur_px)  # a longer step would leave the slope of the edge
         offset += previous
+        if turn > 0 and abs(previous) < SETTLED_PX:
+            last_turn = turn + 1
         if abs(offset) > MAX_WALK_PX:
             return _NO_EDGE
     if abs(previous) > 0.05:
@@ -212,7 +217,7 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
     return EdgeFit(True, offset, residual2 / (A[n - 1, n - 1] ** 2), inside, line, math.sqrt(residual2))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather(
     image: Image,
     ends: tuple[Point, Point],

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.clustering import FloatImage, Image
 from fsw.vision.rig import StereoRig
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,8 +21,8 @@ _NODE_STEP = 16  # pixels of the view between two exact points of its mapping; b
 class MetricView:
     """An eye's image seen at right angles to the wing's nominal plane.
 
-    pixels (h, w) float32, NaN-free; pixel (u, v) shows wing point origin_mm + mm_per_px * (u, v). inside (h, w) bool: where
-    the image has it. to_px (3, 3): homography from wing-plane mm to ideal px of the eye.
+    pixels (h, w) float32, NaN-free; pixel (u, v) shows wing point origin_mm + mm_per_px * (u, v). inside (h, w)
+    bool: where the image has it. to_px (3, 3): homography from wing-plane mm to ideal px of the eye.
     """
 
     pixels: FloatImage
@@ -49,7 +49,8 @@ def apply_homography(H: FloatArray, xy: FloatArray) -> FloatArray:
 def plane_homography(rig: StereoRig, eye: int, R: FloatArray, t_mm: FloatArray) -> FloatArray:
     """Homography (3, 3) from the wing's plane (X, Y in mm) to the eye's ideal px, for X_left = R X_wing + t.
 
-    Its inverse is the equivalent view: the full form of Eq. 13, under which the optical axis becomes the normal (Eq. 14).
+    Its inverse is the equivalent view: the full form of Eq. 13, under which the optical axis becomes the normal
+    (Eq. 14).
     """
     Re = rig.rotation[eye] @ R
     te = rig.rotation[eye] @ t_mm + rig.translation_mm[eye]
@@ -58,7 +59,7 @@ def plane_homography(rig: StereoRig, eye: int, R: FloatArray, t_mm: FloatArray) 
 
 def enhance_points(H: FloatArray, ideal_px: FloatArray) -> FloatArray:
     """Points (..., 2) in ideal px, moved to the equivalent view in mm: the inverse of plane_homography's H."""
-    return apply_homography(np.linalg.inv(H), ideal_px)
+    return apply_homography(np.linalg.inv(H).astype(np.float64), ideal_px)
 
 
 def visible_region(
@@ -66,8 +67,8 @@ def visible_region(
 ) -> tuple[FloatArray, FloatArray] | None:
     """The part of a box on the wing's plane that the eye sees, and the image's resolution there.
 
-    box_mm (2, 2): lower and upper corner (X, Y). Returns the part's box (2, 2) in mm, and the least and the mean resolution
-    (2,) in px per mm; None if nothing is seen.
+    box_mm (2, 2): lower and upper corner (X, Y). Returns the part's box (2, 2) in mm, and the least and the mean
+    resolution (2,) in px per mm; None if nothing is seen.
     """
     x, y = (np.linspace(box_mm[0, k], box_mm[1, k], n) for k, n in ((0, 97), (1, 49)))
     nodes = np.stack(np.meshgrid(x, y), axis=-1)
@@ -85,7 +86,7 @@ def metric_view(
     image: Image, rig: StereoRig, eye: int, R: FloatArray, t_mm: FloatArray, box_mm: FloatArray, mm_per_px: float,
     shrink: int = 1,
 ) -> MetricView:  # fmt: skip
-    """Resample an image of this eye (lens distortion included) onto the wing's plane; box_mm (2, 2) lower, upper corner.
+    """Resample an image of this eye (lens distortion included) onto the wing's plane; box_mm (2, 2): corners.
 
     shrink: whole factor by which the image is averaged down first, where the view is coarser than the image.
     """
@@ -108,9 +109,9 @@ def metric_view(
 def _shrink(image: Image, factor: int) -> Image:
     """Mean of factor x factor blocks; what is left over at the right and lower edge is dropped."""
     height, width = (n // factor for n in image.shape)
-    return cv2.resize(  # type: ignore[no-any-return]  # opencv has no types
-        image[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA
-    )
+    block = image[: height * factor, : width * factor]
+    small = cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA)
+    return small.astype(np.uint8) if image.dtype == np.uint8 else small.astype(np.uint16)
 
 
 def _seen(
@@ -118,7 +119,8 @@ def _seen(
 ) -> tuple[NDArray[np.bool_], FloatArray]:
     """Which points (..., 2) of the wing's plane lie in the image (or near it), and px per mm (..., 2, 2) there."""
     size = rig.size[eye].astype(np.float64)
-    # Far outside the image the distortion's polynomial folds back: keep to what the image's rim spans when undistorted.
+    # Far outside the image the distortion's polynomial folds back: keep to what the image's rim spans when
+    # undistorted.
     s = np.linspace(0.0, 1.0, 33)
     rim = np.concatenate([np.stack(p, axis=-1) for p in ((s, 0 * s), (s, 0 * s + 1), (0 * s, s), (0 * s + 1, s))])
     ideal_rim = rig.undistort(eye, rim * (size - 1.0))
@@ -133,8 +135,8 @@ def _seen(
     return front & np.all((px >= low) & (px <= high), axis=-1), jacobian
 
 
-@njit(cache=True, nogil=True)
-def _resample(image, at, pixels, inside):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+@kernel
+def _resample(image: Image, at: FloatImage, pixels: FloatImage, inside: NDArray[np.bool_]) -> None:
     """Bilinear samples of the image at positions `at` (nodes _NODE_STEP apart), where the image has all four pixels."""
     height, width = image.shape
     for v in range(pixels.shape[0]):

@@ -15,12 +15,12 @@ from fsw.vision.surface import Warp, fit_warp
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# A column's two steps, whose ratio differs from the wing's by more than this, contradict the assignment: 0.4 of what the
-# wing's narrowest fold gap makes, within these limits (perspective alone brings 1-2 %)...
+# A column's two steps, whose ratio differs from the wing's by more than this, contradict the assignment: 0.4 of
+# what the wing's narrowest fold gap makes, within these limits (perspective alone brings 1-2 %)...
 _STEP = (0.03, 0.12)
 _STEP_ROWS = 2  # ...if at least so many rows show it
 _AT = 0.2  # a cell stands within this part of a pitch from its place on the surface
-_CORNER = 0.12  # its corners likewise, in parts of the cell's smaller size
+_CORNER = 0.08  # its corners likewise, in parts of the cell's smaller size
 _CROWD = 4  # so many linked cells are no accident: the wing must explain them
 _HOPELESS = (8, 0.12)  # an assignment that contradicts more cells than this, and this part of them, is dropped at once
 _REACHES = (
@@ -42,7 +42,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Labelling:
-    """One assignment in one eye. label (K,): cell of each quadrilateral, or -1. contradicted: cells that speak against it."""
+    """One assignment in one eye. label (K,): cell of each quadrilateral, or -1; contradicted: cells against it."""
 
     label: IntArray
     contradicted: int
@@ -70,8 +70,8 @@ def labellings(
 ) -> tuple[list[Labelling], int]:
     """Assignments of the largest lattice, and of all that then fits, to the wing.
 
-    corners_mm (K, 4, 2): quadrilaterals in the metric view; lattices: theirs, largest first. bound_mm (2,): how far the view
-    may displace a cell. Also returns how many cells contradict the least wrong assignment that was dropped.
+    corners_mm (K, 4, 2): quadrilaterals in the metric view; lattices: theirs, largest first. bound_mm (2,): how far
+    the view may displace a cell. Also returns how many cells contradict the least wrong assignment that was dropped.
     """
     centre = centres_of(corners_mm)
     main = lattices[0]
@@ -79,32 +79,31 @@ def labellings(
     crowd = np.zeros(len(centre), dtype=np.bool_)
     for lattice in lattices:
         crowd[lattice.member] = len(lattice.member) >= _CROWD
-    size = main.place.max(axis=0) + 1
-    held = np.zeros(size + 1, dtype=np.int64)
+    wide, high = (int(n) for n in main.place.max(axis=0) + 1)
+    held = np.zeros((wide + 1, high + 1), dtype=np.int64)
     held[main.place[:, 0] + 1, main.place[:, 1] + 1] = 1
     held = held.cumsum(axis=0).cumsum(axis=1)
     ratios = _column_ratios(main)
     found = []
     dropped = len(main.member)
     for one in table:
-        for g in range(-int(size[0]) + 1, one.cell.shape[0]):
-            for r in range(-int(size[1]) + 1, one.cell.shape[1]):
-                low = np.clip((-g, -r), 0, size)
-                high = np.clip(np.array(one.cell.shape) - (g, r), 0, size)
-                on_wing = held[high[0], high[1]] - held[low[0], high[1]] - held[high[0], low[1]] + held[low[0], low[1]]
-                off = len(main.member) - int(on_wing)
-                if off > 2 * hopeless or on_wing < _CROWD:
-                    dropped = min(dropped, off)
+        columns, rows = one.cell.shape
+        for g in range(1 - wide, columns):
+            false_steps = _false_steps(ratios, one, g)
+            left, right = max(-g, 0), min(columns - g, wide)
+            for r in range(1 - high, rows):
+                low, top = max(-r, 0), min(rows - r, high)
+                on_wing = int(held[right, top] - held[left, top] - held[right, low] + held[left, low])
+                off = len(main.member) - on_wing
+                wrong = off + false_steps
+                if wrong > hopeless or on_wing < _CROWD:
+                    dropped = min(dropped, wrong)
                     continue
-                at = main.place + (g, r)
+                at = main.place + np.array([g, r])
                 on = np.all((at >= 0) & (at < one.cell.shape), axis=1)
                 cell = one.cell[at[on, 0], at[on, 1]]
                 shift = np.median(centre[main.member[on]] - grid.centre_mm[cell], axis=0)
                 if np.any(np.abs(shift) > bound_mm):
-                    continue
-                wrong = off + _false_steps(ratios, one, g)
-                if wrong > hopeless:
-                    dropped = min(dropped, wrong)
                     continue
                 label = np.full(len(centre), -1, dtype=np.int64)
                 label[main.member[on]] = cell
@@ -115,7 +114,7 @@ def labellings(
 
 
 def _column_ratios(lattice: Lattice) -> list[tuple[int, int, float]]:
-    """Of each column between two others: its number, how many rows show the ratio of its two steps, and their median."""
+    """Of each column between two others: its number, how many rows show its two steps' ratio, and their median."""
     has = np.isfinite(lattice.ratio_x)
     column, ratio = lattice.place[has, 0], lattice.ratio_x[has]
     shown = ((int(c), ratio[column == c]) for c in np.unique(column))
@@ -140,7 +139,7 @@ def _false_steps(ratios: Sequence[tuple[int, int, float]], table: Table, first: 
 
 
 def _take_in(label: IntArray, centre: FloatArray, grid: CellGrid) -> Warp:
-    """Give further quadrilaterals the cell at whose place they stand, nearest first; take the name from those that stand off.
+    """Give further quadrilaterals the cell at whose place they stand, nearest first.
 
     Writes label (K,); returns the surface's field.
     """

@@ -22,8 +22,8 @@ _REACH = 0.17
 class Lattice:
     """Cells linked to one another. member (n,): indices of the quadrilaterals; place (n, 2): column, row from (0, 0).
 
-    ratio_x (n,): distance to the next column's cell over that to the last one's, which shows fold gaps whatever the scale and
-    the threshold; NaN where one is missing.
+    ratio_x (n,): distance to the next column's cell over that to the last one's, which shows fold gaps whatever the
+    scale and the threshold; NaN where one is missing.
     """
 
     member: IntArray
@@ -34,8 +34,8 @@ class Lattice:
 def link(corners: FloatArray, cell_mm: tuple[float, float], steps_x: Sequence[float], step_y: float) -> list[Lattice]:
     """Lattices of quadrilaterals (n, 4, 2) in mm, largest first; single cells too.
 
-    cell_mm: size of a cell. steps_x: distances at which the next column may stand (the pitch first, then those across fold
-    gaps); step_y: the rows' pitch. Cells whose links contradict one another are left out.
+    cell_mm: size of a cell. steps_x: distances at which the next column may stand (the pitch first, then those
+    across fold gaps); step_y: the rows' pitch. Cells whose links contradict one another are left out.
     """
     if len(corners) == 0:
         return []

@@ -8,12 +8,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, solve
 from fsw.vision.grid import CellGrid
 from fsw.vision.rig import Eyes, image_point, project
+from wingbeat.kernels import kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -69,7 +69,7 @@ def set_pose(surface: Surface, rotation: FloatArray, translation_mm: FloatArray)
     surface.unknowns[:] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def shares_of(surface: Surface, X: float, Y: float, basis: FloatArray, out: FloatArray) -> None:
     """Derivative (3, UNKNOWNS) of a point's place in the left camera's frame with respect to the unknowns."""
     R = surface.rotation
@@ -81,7 +81,7 @@ def shares_of(surface: Surface, X: float, Y: float, basis: FloatArray, out: Floa
             out[i, IN_PLANE + j] = R[i, 2] * basis[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
     """Place of corner k (or of the centre, k = 4) of cell n in the left camera's frame, in mm."""
     R, t, q, b = surface.rotation, surface.translation_mm, surface.unknowns, surface.basis[n, k]
@@ -98,7 +98,7 @@ def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def expect(surface: Surface, eyes: Eyes, corners_px: FloatArray, centre_px: FloatArray, in_view: BoolArray) -> None:
     """Expected ideal pixels of corners (2, N, 4, 2), centres (2, N, 2), and whether a centre is in the image (2, N)."""
     for n in range(surface.flat_mm.shape[0]):
@@ -114,7 +114,7 @@ def expect(surface: Surface, eyes: Eyes, corners_px: FloatArray, centre_px: Floa
                     in_view[eye, n] = inside and depth > 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_equation(matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float) -> None:
     """Add one weighted equation row . x = value to the normal equations (lower triangle)."""
     for i in range(UNKNOWNS):
@@ -123,7 +123,7 @@ def add_equation(matrix: FloatArray, right: FloatArray, row: FloatArray, value: 
             matrix[i, j] += weight * row[i] * row[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_surface(
     surface: Surface,
     xyz_mm: FloatArray,

@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
 from fsw.vision.sides import Lens, fit_segments, straight_side
+from wingbeat.kernels import kernel
 
 WINDOW_SIGMAS = 4.0  # the window holds the whole blurred step ...
 WINDOW_PX = 2.0  # ... and this much of the plateau beyond
@@ -44,7 +44,7 @@ def make_cells(count: int) -> Cells:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def measure_cells(
     image: Image,
     lens: Lens,
@@ -151,7 +151,7 @@ def measure_cells(
         out.found[n], out.whole[n] = True, hidden == 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _corners_and_centre(
     c: FloatArray,
     nx: FloatArray,

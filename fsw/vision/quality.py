@@ -1,4 +1,4 @@
-"""How well points are matched: precision, recall, matching uniqueness and the comprehensive matching parameter (Eq. 24-30)."""
+"""How well points are matched: precision, recall, MU and the comprehensive matching parameter (Eq. 24-30)."""
 
 from typing import NamedTuple
 
@@ -57,14 +57,16 @@ def correct_matches(
 ) -> NDArray[np.bool_]:
     """Which matched points (n, 2) obey the homography constraint eta < limit_px.
 
-    H (3, 3): a known mapping (from a pose, or from the truth); without it the mapping that most pairs support is estimated, which
-    a matching that is wrong throughout but consistent would pass: only a known mapping shows that.
+    H (3, 3): a known mapping (from a pose, or from the truth); without it the mapping that most pairs support is
+    estimated, which a matching that is wrong throughout but consistent would pass: only a known mapping shows that.
     """
     if H is None:
         if len(from_px) < _MIN_POINTS:
             return np.zeros(len(from_px), dtype=np.bool_)
-        # LMEDS draws its samples from a generator of its own with a fixed seed: the same points give the same mapping.
-        H, _ = cv2.findHomography(from_px, to_px, cv2.LMEDS)
-        if H is None:
+        # LMEDS draws its samples from a generator of its own with a fixed seed: the same points give the same
+        # mapping.
+        found, _ = cv2.findHomography(from_px, to_px, cv2.LMEDS)
+        if found is None:
             return np.zeros(len(from_px), dtype=np.bool_)
+        H = np.asarray(found, dtype=np.float64)
     return np.asarray(homography_error(H, from_px, to_px) < limit_px)

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def eyes_of(rig: StereoRig) -> Eyes:
     return Eyes(projection, rig.intrinsics, rig.distortion, rig.size, view, rig.fundamental())
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, float]:
     """Image pixel of an ideal pixel, and whether it lies in the image.
 
@@ -102,7 +103,7 @@ def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, 
     return inside, x, y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def project(P: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Pixel and depth of a point."""
     w = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
@@ -111,7 +112,7 @@ def project(P: FloatArray, x: float, y: float, z: float) -> tuple[float, float, 
     return u, v, w
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distort_point(
     u: float, v: float, intrinsics: FloatArray, k: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
@@ -136,7 +137,7 @@ def distort_point(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def undistort_point(u: float, v: float, intrinsics: FloatArray, k: FloatArray) -> tuple[float, float]:
     """Ideal pixel of the image pixel (u, v), by Newton's method on distort_point."""
     x, y = u, v
@@ -151,7 +152,7 @@ def undistort_point(u: float, v: float, intrinsics: FloatArray, k: FloatArray) -
     return x, y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distort_points(ideal_px: FloatArray, intrinsics: FloatArray, distortion: FloatArray) -> FloatArray:
     """Image pixels (n, 2) of ideal pixels (n, 2)."""
     out = np.empty_like(ideal_px)
@@ -161,7 +162,7 @@ def distort_points(ideal_px: FloatArray, intrinsics: FloatArray, distortion: Flo
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def undistort_points(image_px: FloatArray, intrinsics: FloatArray, distortion: FloatArray) -> FloatArray:
     """Ideal pixels (n, 2) of image pixels (n, 2)."""
     out = np.empty_like(image_px)

@@ -4,13 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, Image, solve
 from fsw.vision.prediction import PRIOR, UNKNOWNS, Normal, Surface, add_equation, locate, shares_of
 from fsw.vision.rig import Eyes, image_point, project
 from fsw.vision.sides import MIN_CONTRAST
+from wingbeat.kernels import kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -35,7 +35,7 @@ def make_sightings(count: int) -> Sightings:
     return Sightings(np.full((2, count, 2), np.nan), np.zeros((2, count, 2, 2)), np.zeros((2, 2 * SEARCH_PX)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_line(
     image: Image,
     eyes: Eyes,
@@ -70,27 +70,34 @@ def find_line(
     for line in range(SEARCH_LINES):
         f = (line + 1.0) / (SEARCH_LINES + 1.0)
         u, v = a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1])
+        # The lens bends so short a line by less than a pixel: its two ends are enough.
+        first, x0, y0 = image_point(eyes, eye, u - before * nx, v - before * ny)
+        last, x1, y1 = image_point(eyes, eye, u + (count - 1 - before) * nx, v + (count - 1 - before) * ny)
+        if not (first and last):
+            return False, 0.0, nx, ny
+        dx, dy = (x1 - x0) / (count - 1), (y1 - y0) / (count - 1)
         for i in range(count):
-            inside, x, y = image_point(eyes, eye, u + (i - before) * nx, v + (i - before) * ny)
-            if not inside:
-                return False, 0.0, nx, ny
-            profile[i] += image[int(y + 0.5), int(x + 0.5)]
+            profile[i] += image[int(y0 + i * dy + 0.5), int(x0 + i * dx + 0.5)]
     best, where = 0.0, 0
+    left, inner, right = 0.0, 0.0, 0.0  # sums over the windows before, on and behind the line, moved pixel by pixel
+    for i in range(flank):
+        left += profile[i]
+        right += profile[flank + width + i]
+    for i in range(width):
+        inner += profile[flank + i]
     for start in range(flank, flank + 2 * reach + 1):
-        inner, left, right = 0.0, 0.0, 0.0
-        for i in range(width):
-            inner += profile[start + i]
-        for i in range(flank):
-            left += profile[start - flank + i]
-            right += profile[start + width + i]
         # The weaker of the two steps counts: a border or a shadow's edge has one step only.
         score = min(sign * (inner / width - left / flank), sign * (inner / width - right / flank))
         if score > best:
             best, where = score, start
+        if start < flank + 2 * reach:
+            left += profile[start] - profile[start - flank]
+            inner += profile[start + width] - profile[start]
+            right += profile[start + width + flank] - profile[start + width]
     return best > MIN_CONTRAST * SEARCH_LINES, float(where - before), nx, ny
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def look(
     image: Image,
     eyes: Eyes,
@@ -123,7 +130,7 @@ def look(
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def settle(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> tuple[int, float]:
     """Move the surface so that its lines meet the sighted ones in both eyes: robust least squares.
 

@@ -3,8 +3,6 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from fsw.vision.edges import (
     SEGMENTS,
     FloatArray,
@@ -14,6 +12,7 @@ from fsw.vision.edges import (
     gather,
 )
 from fsw.vision.rig import distort_point
+from wingbeat.kernels import kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
@@ -30,7 +29,7 @@ class Lens(NamedTuple):
     step: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_segments(
     image: Image,
     lens: Lens,
@@ -83,7 +82,7 @@ def fit_segments(
     return pieces, found, contrast / max(found, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float, float, float]:
     """Weighted straight line through segment offsets: good, offset at the middle, slope, its variance there, residual.
 

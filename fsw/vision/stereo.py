@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
 from fsw.vision.rig import Eyes, project
+from wingbeat.kernels import kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -39,7 +39,7 @@ def make_points(count: int) -> Points:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def triangulate(
     P: FloatArray, pixel: FloatArray, weight: FloatArray, N: FloatArray, g: FloatArray, xyz: FloatArray
 ) -> float:
@@ -85,7 +85,7 @@ def triangulate(
     return math.sqrt(squares / 4.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _invert3(A: FloatArray, out: FloatArray) -> None:
     """Inverse of a symmetric 3 x 3 matrix; infinite where it has none."""
     a, b, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
@@ -99,7 +99,7 @@ def _invert3(A: FloatArray, out: FloatArray) -> None:
     out[1, 2] = out[2, 1] = (b * c - a * e) / det
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _solve3(A: FloatArray, b: FloatArray) -> None:
     """Solve the symmetric 3 x 3 system A x = b; x replaces b, infinite where there is none."""
     a, p, c, d, e, f = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
@@ -113,7 +113,7 @@ def _solve3(A: FloatArray, b: FloatArray) -> None:
     b[2] = ((p * e - c * d) * x + (p * c - a * e) * y + (a * d - p * p) * z) / det
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def triangulate_cells(
     eyes: Eyes,
     corners_px: FloatArray,

@@ -24,7 +24,7 @@ _SATURATED = 0.98  # of full scale
 
 @dataclass(frozen=True)
 class Warp:
-    """Displacement field from the flat wing (X, Y in mm) to a metric view (mm): a cubic with a prior, so that it extrapolates."""
+    """Displacement field from the flat wing (X, Y in mm) to a metric view (mm): a cubic that a prior keeps tame."""
 
     middle_mm: FloatArray
     unit_mm: float
@@ -41,17 +41,18 @@ def _basis(xy: FloatArray) -> FloatArray:
 
 
 def fit_warp(grid: CellGrid, wing_mm: FloatArray, view_mm: FloatArray) -> tuple[Warp, FloatArray]:
-    """Field through points (n, 2) of the wing seen at (n, 2), by regularised least squares; also the residuals (n,) in mm."""
+    """Field through wing points (n, 2) seen at (n, 2), by regularised least squares; and the residuals (n,) in mm."""
     unit = _UNIT * grid.outline_mm[0]
     middle = wing_mm.mean(axis=0)
     A = _basis((wing_mm - middle) / unit)
     shift = view_mm - wing_mm
     use = np.ones(len(A), dtype=np.bool_)
-    coefficient, residual = np.zeros((A.shape[1], 2)), np.zeros(len(A))
+    coefficient: FloatArray = np.zeros((A.shape[1], 2))
+    residual: FloatArray = np.zeros(len(A))
     for _ in range(2):
         normal = A[use].T @ A[use] / _DATA_MM**2 + np.diag(1.0 / (_SIGMA * unit) ** 2)
-        coefficient = np.linalg.solve(normal, A[use].T @ shift[use] / _DATA_MM**2)
-        residual = np.linalg.norm(A @ coefficient - shift, axis=1)
+        coefficient = np.asarray(np.linalg.solve(normal, A[use].T @ shift[use] / _DATA_MM**2), dtype=np.float64)
+        residual = np.asarray(np.linalg.norm(A @ coefficient - shift, axis=1), dtype=np.float64)
         use = residual <= max(_OUTLIER * float(np.median(residual)), 1.0)
     return Warp(middle, unit, coefficient), residual
 
@@ -82,8 +83,8 @@ def line_contrast(
 ) -> FloatArray:
     """How much the lines round cells (m,) stand out, positive for lines; NaN where that cannot be seen.
 
-    usable (m, 4): sides to look at; those at a panel's border have no line of known width and never count. Each side's line is
-    looked for a little to the left and right of its place. Saturated cells tell nothing.
+    usable (m, 4): sides to look at; those at a panel's border have no line of known width and never count. Each
+    side's line is looked for a little to the left and right of its place. Saturated cells tell nothing.
     """
     corner = grid.corners_mm[cells]
     following = np.roll(corner, -1, axis=1)

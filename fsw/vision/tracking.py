@@ -1,11 +1,11 @@
 """TRACK: from a pair of images, and what was known before, to all cells in space. All memory is taken at the start."""
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fsw.vision.edges import STEP_ROWS, FloatArray, Image, make_scratch, tabulate_step
@@ -16,6 +16,7 @@ from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.search import look, make_sightings, settle
 from fsw.vision.sides import Lens
 from fsw.vision.stereo import Points, make_points, triangulate_cells
+from wingbeat.kernels import kernel
 
 PIXEL_VARIANCE = 1.0 / 12.0  # of the average over one pixel: what the sensor adds to the lens's blur
 BLUR_RANGE_PX = (0.15, 4.0)
@@ -54,7 +55,7 @@ class Tracker:
         self.corners_px = np.full((2, count, 4, 2), np.nan)
         self.centre_px = np.full((2, count, 2), np.nan)
         self.covariance_px2 = np.full((2, count, 3), np.nan)
-        self.cells: tuple[Cells, Cells] = tuple(self._cells(eye) for eye in (0, 1))  # type: ignore[assignment]  # two eyes
+        self.cells = (self._cells(0), self._cells(1))
         self.points: Points = make_points(count)
         self.distance_mm = np.full(count, np.nan)
         self.blur_px = np.full(2, options.blur_px)
@@ -151,7 +152,7 @@ class Tracker:
         return 0.6 * float(area.min()), 1.4 * float(area.max())
 
     def replace_centres(self, eye: int, image_px: FloatArray) -> None:
-        """Take centres (K, 2) of another method, in image pixels, in place of the fitted ones; unclaimed cells are lost."""
+        """Take another method's centres (K, 2), in image pixels, in place of the fitted ones; other cells are lost."""
         cells = self.cells[eye]
         cells.found[:] = cells.whole[:] = False
         if len(image_px) == 0:
@@ -175,7 +176,7 @@ class Tracker:
         np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
         np.add(self.expected_px, self.deviation_px, out=self.expected_px)
 
-    def _both(self, work, left: Image, right: Image) -> None:  # type: ignore[no-untyped-def]  # one of the two below
+    def _both(self, work: Callable[[int, Image], None], left: Image, right: Image) -> None:
         other = self._second.submit(work, 1, right)
         work(0, left)
         other.result()
@@ -215,7 +216,7 @@ class Tracker:
         _adapt(self._scratch[eye].pooled, self.blur_px, self.width_scale, eye)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _adapt(pooled: FloatArray, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
     """Take over part of the corrections that all edges of one eye agree on."""
     if pooled[0, 1] > 0.0:
@@ -227,7 +228,7 @@ def _adapt(pooled: FloatArray, blur_px: FloatArray, width_scale: FloatArray, eye
             width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count(mask: NDArray[np.bool_]) -> int:
     """How many are set; np.count_nonzero would make a temporary of some masks."""
     count = 0
@@ -236,7 +237,7 @@ def _count(mask: NDArray[np.bool_]) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float, float]:
     """Mean length of the sides along X and along Y of the wanted cells; 0 without any."""
     along_x, along_y, count = 0.0, 0.0, 0
@@ -249,7 +250,7 @@ def _mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[floa
     return along_x / max(count, 1), along_y / max(count, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
     squares, count = 0.0, 0
     for n in range(values.shape[0]):
@@ -259,7 +260,7 @@ def _rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
     return math.sqrt(squares / count) if count else math.nan
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -> None:
     """Take validity from points that the two eyes do not agree on."""
     for n in range(points.valid.shape[0]):
@@ -268,7 +269,7 @@ def _gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) 
             points.valid[n] = near
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gate_points(points: Points, distance_mm: FloatArray, gate_mm: float) -> int:
     """Take validity from points off the surface, and the values of all that are not valid; returns how many stay."""
     count = 0
@@ -282,7 +283,7 @@ def _gate_points(points: Points, distance_mm: FloatArray, gate_mm: float) -> int
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _deviate(cells: Cells, expected_px: FloatArray, valid: NDArray[np.bool_], out_px: FloatArray) -> None:
     """What each whole cell's corners deviate from the surface by.
 

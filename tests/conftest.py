@@ -1,0 +1,34 @@
+"""What several tests share: recorded data beside the project, and one simulated run that all may read."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """Folder of recorded data that nobody made for these tests."""
+    if not SHARED.is_dir():
+        pytest.skip("the recorded data (../shared/data) is not on this machine")
+    return SHARED
+
+
+def wingbeat(*arguments: object, check: bool = True) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own."""
+    command = [sys.executable, "-m", "wingbeat.cli", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    if check:
+        assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.fixture(scope="session")
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight seconds of the scenario `small`, flown in lockstep."""
+    folder = tmp_path_factory.mktemp("runs") / "small"
+    wingbeat("sil", "small", "--duration", "8", "--out", folder)
+    return folder

@@ -1,0 +1,54 @@
+"""`kernel`: compile a function to machine code at its first call, and keep the code for the next process.
+
+numba keeps compiled code for each file, and does not see when a constant or a function that it took from another file
+has changed: the old code would then run on new arrays. So the folder of compiled code carries a digest of all sources.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from numba import config, njit
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+PACKAGES = ("fsw", "sim")  # where kernels are
+
+
+def _digest() -> str:
+    """Digest of all sources that kernels may be made of."""
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        spec = find_spec(package)
+        for folder in spec.submodule_search_locations or () if spec else ():
+            for source in sorted(Path(folder).rglob("*.py")):
+                digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _folder() -> Path:
+    """A folder for compiled code that can be written: the user's cache, or else the temporary folder."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    for base in (home, Path(tempfile.gettempdir())):
+        folder = base / "wingbeat" / f"kernels-{_digest()}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    return Path(tempfile.mkdtemp(prefix="wingbeat-kernels-"))
+
+
+setattr(config, "CACHE_DIR", str(_folder()))  # noqa: B010  # numba makes its settings at run time
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile this function with numba, free of the interpreter's lock while it runs."""
+    compiled: Callable[P, R] = njit(cache=True, nogil=True)(function)
+    return compiled
