@@ -21,12 +21,14 @@ from fsw.tasks.match import Match
 from fsw.tasks.protect import Protect
 from fsw.tasks.publish import Outlets, Publish
 from fsw.tasks.reconstruct import Reconstruct
+from fsw.tasks.search import Search
 from fsw.tasks.state import Pair, State
 from fsw.vision.tracking import Tracker, TrackingOptions
 from hal.camera import Camera
 from hal.clock import Clock
 from hal.trigger import Trigger
-from telemetry.events import STARTED, STOPPED
+from telemetry.dictionary import OVERRUNS, TICKS_MISSED
+from telemetry.events import OVERRUN, STARTED, STOPPED, TRIGGER_GAP
 from wingbeat.errors import InputError
 
 FRAMES_PER_EYE = 1  # leased at a time; one measured pair is given back before the next is taken
@@ -73,10 +75,12 @@ class App:
         self._acquire = Acquire(
             self.state, drivers.cameras, (pools[0], pools[1]), vision.skew_limit_us, vision.hold_after_ticks
         )
+        self._search = Search(self.state, rig, prior, vision)
         self._publish = Publish(self.state, drivers.outlets)
         known: list[FrameTask | LongTask] = [
             self._acquire,
-            Feature(self.state, rig, prior, vision),
+            self._search,
+            Feature(self.state, vision),
             Match(self.state, vision),
             Reconstruct(self.state, vision),
             Identify(self.state, identify),
@@ -87,6 +91,8 @@ class App:
         schedule = tables.flight.schedule
         if findings := check_schedule(schedule, tasks, None if lockstep else 1e3 / drivers.rate_hz):
             raise InputError(findings[0].text, "schedule", "correct the flight tables")
+        self.state.tracker.place(prior.rotation, prior.translation_mm)
+        self._missed = self._overruns = 0
         self.executive = Executive(
             schedule, tasks, drivers.trigger, drivers.clock, round(1e9 / drivers.rate_hz), lockstep
         )
@@ -98,7 +104,20 @@ class App:
 
     def step(self) -> bool:
         """One tick; False when the trigger has ended."""
-        return self.executive.step()
+        more = self.executive.step()
+        self._count_lateness()
+        return more
+
+    def _count_lateness(self) -> None:
+        """Show the executive's counters; what was late in this tick is told with the next one."""
+        board, executive = self.state.board, self.executive
+        if executive.missed_ticks > self._missed:
+            self.state.raise_event(TRIGGER_GAP, executive.missed_ticks - self._missed)
+        if executive.overruns > self._overruns:
+            self.state.raise_event(OVERRUN, executive.overruns - self._overruns)
+        self._missed, self._overruns = executive.missed_ticks, executive.overruns
+        board.set(TICKS_MISSED, self._missed)
+        board.set(OVERRUNS, self._overruns)
 
     def close(self) -> None:
         """Stop: give the frames back, end the threads, say so."""
@@ -106,5 +125,6 @@ class App:
         self._acquire.release()
         self.state.raise_event(STOPPED, self.executive.ticks)
         self._publish.drain_events()
+        self._search.close()
         self.state.tracker.close()
         self._threads.restore_original_limits()

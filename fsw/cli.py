@@ -1,12 +1,14 @@
 """The commands `wingbeat replay` and `wingbeat identify`."""
 
 import json
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
-from telemetry.report import write_report
+from threadpoolctl import threadpool_limits
 
 from fsw.app import Drivers, Tables
 from fsw.channels import read_channels
@@ -20,8 +22,8 @@ from hal.drivers.image_files import find_images
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.recorded import RecordedCamera, RecordedTrigger, Recording, open_recording
 from telemetry.modes_text import modes_table
+from telemetry.report import write_identify_report, write_report
 from wingbeat.console import progress, write_json
-from wingbeat.errors import InputError
 
 
 class Kind(StrEnum):
@@ -87,10 +89,12 @@ def identify(
     Example: wingbeat identify record.csv --rate 100 --json modes.json
     """
     channels = read_channels(file, rate)
-    result: ModalResult = identify_modes(channels.time_s, channels.y, kind.value)
+    with threadpool_limits(limits=1):  # small matrices: more threads only wait for each other
+        result: ModalResult = identify_modes(channels.time_s, channels.y, kind.value)
     modes = to_contract(result)
     if report is not None:
-        raise InputError("no report", report)
+        shapes = np.array([mode.shape for mode in result.modes]).reshape(len(result.modes), -1)
+        write_identify_report(report, f"Modes of {file.name}", modes, asdict(result.diagram) | {"shape": shapes})
     if json_file is not None:
         write_json(modes, json_file)
     if json_file != "-":

@@ -5,6 +5,7 @@ The folder grows under the name NAME.partial and takes its own name when the run
 
 import json
 import shutil
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
@@ -86,18 +87,20 @@ def fly(
             events=stack.enter_context((folder / "events.jsonl").open("wb")),
         )
         log = stack.enter_context(RunLog(folder, cells))
+        spent: dict[str, list[float]] = defaultdict(list)
         app = App(tables, replace(drivers, outlets=outlets), lockstep)
         try:
             app.init()
             while app.step():
                 log.add(app.state)
+                _add_spent(app, spent)
                 each_tick()
         finally:
             app.close()
         modes = published_modes(app.state)
         (folder / "modes.json").write_text(json.dumps(modes, indent=2, allow_nan=False) + "\n")
         write_diagram(app.state, folder, cells)
-        return log.figures() | _figures(app, modes)
+        return log.figures() | _figures(app, modes, spent)
 
 
 def published_modes(state: State) -> dict[str, Any]:
@@ -128,7 +131,7 @@ def write_diagram(state: State, folder: Path, cells: NDArray[np.integer[Any]]) -
     )
 
 
-def _figures(app: App, modes: dict[str, Any]) -> dict[str, Any]:
+def _figures(app: App, modes: dict[str, Any], spent: dict[str, list[float]]) -> dict[str, Any]:
     """Counters and timing of a finished run."""
     executive, board = app.executive, app.state.board
     drops = {point.name.removeprefix("drops_"): board.get(point) for point in DROPS}
@@ -138,22 +141,23 @@ def _figures(app: App, modes: dict[str, Any]) -> dict[str, Any]:
         "overruns": executive.overruns,
         "events": int(board.get(EVENT_COUNT)),
         "valid_modes": sum(mode["valid"] for mode in modes["modes"]),
-        "cpu_ms": {task: _timing(app, task) for task in executive.tasks},
+        "cpu_ms": {task: _timing(app, task, spent[task]) for task in executive.tasks},
     }
 
 
-def _timing(app: App, task: str) -> dict[str, float | int | None]:
-    """Thread-CPU time of a task's runs, in ms."""
+def _add_spent(app: App, spent: dict[str, list[float]]) -> None:
+    """Note what each task's newest run took, if there was one since the last tick."""
+    for task in app.executive.tasks:
+        figures = app.executive.timing(task)[0].summary()
+        if figures.runs > len(spent[task]):
+            spent[task].append(figures.last_ms)
+
+
+def _timing(app: App, task: str, spent_ms: list[float]) -> dict[str, float | int]:
+    """Thread-CPU time of a task's runs, in ms; spent_ms: one entry a run."""
+    if not spent_ms:
+        return {"runs": 0}
+    p50, p99 = np.percentile(spent_ms, (50, 99))
     cpu, _ = app.executive.timing(task)
-    figures = cpu.summary()
-    return {
-        "runs": figures.runs,
-        "mean": _known(figures.mean_ms),
-        "p50": _known(cpu.percentile_ms(0.5)),
-        "p99": _known(cpu.percentile_ms(0.99)),
-        "max": _known(figures.max_ms),
-    }
-
-
-def _known(value: float) -> float | None:
-    return round(value, 3) if value == value else None
+    figures = {"mean": cpu.summary().mean_ms, "p50": float(p50), "p99": float(p99), "max": max(spent_ms)}
+    return {"runs": len(spent_ms)} | {name: round(value, 3) for name, value in figures.items()}

@@ -97,15 +97,7 @@ FRAME_CORRUPT = _event(12, "FRAME_CORRUPT", _WARNING, "corrupt frame from the {e
 FRAME_STUCK = _event(13, "FRAME_STUCK", _WARNING, "the {eye} eye repeats its frame", _EYE)
 TRIGGER_GAP = _event(14, "TRIGGER_GAP", _WARNING, "{count:.0f} trigger edges missed", _COUNT)
 
-TASK_OVERRUN = _event(
-    20,
-    "TASK_OVERRUN",
-    _WARNING,
-    "{task} took {elapsed_ms:.1f} of {budget_ms:.1f} ms",
-    _TASK,
-    Argument("elapsed_ms", "ms"),
-    Argument("budget_ms", "ms"),
-)
+OVERRUN = _event(20, "OVERRUN", _WARNING, "{count:.0f} tasks or ticks were not done in time", _COUNT)
 RESULT_DISCARDED = _event(21, "RESULT_DISCARDED", _WARNING, "late result of {task} discarded", _TASK)
 
 LOCK_ACQUIRED = _event(30, "LOCK_ACQUIRED", _INFO, "{count:.0f} cells found", _COUNT)

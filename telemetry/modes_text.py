@@ -17,7 +17,7 @@ def modes_table(modes: Mapping[str, Any], truth: Sequence[Mapping[str, float]] =
         return f"no mode found ({flags})"
     head = f"{'frequency / Hz':>24} {'damping / %':>20} {'amplitude / mm':>15} {'coherence':>10}  state"
     lines = [head + ("   truth: Hz, %    error" if truth else "")]
-    partner = _partners(modes["modes"], truth)
+    partner = partners(modes["modes"], truth)
     for number, mode in enumerate(modes["modes"]):
         state = "valid" if mode["valid"] else "not valid"
         if mode["flags"]:
@@ -40,12 +40,12 @@ def modes_table(modes: Mapping[str, Any], truth: Sequence[Mapping[str, float]] =
     return "\n".join(lines)
 
 
-def _partners(
+def partners(
     modes: Sequence[Mapping[str, Any]], truth: Sequence[Mapping[str, float]]
 ) -> dict[int, Mapping[str, float]]:
     """For each true mode the found one nearest in frequency, if it is within a tenth."""
-    partner = {}
-    for known in truth:
+    partner: dict[int, Mapping[str, float]] = {}
+    for known in truth if modes else ():
         distance = [abs(mode["frequency_hz"] / known["frequency_hz"] - 1.0) for mode in modes]
         nearest = min(range(len(modes)), key=distance.__getitem__)
         if distance[nearest] < 0.1:

@@ -11,7 +11,7 @@ import plotly.offline
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from telemetry.modes_text import _partners as partners
+from telemetry.modes_text import partners as partners
 from telemetry.report_data import Arrays, Run, read_run
 from telemetry.report_figures import figure_html, quality_figure
 from telemetry.report_modal import channel_shapes_figure, spectrum_figure, tracking_figure, wing_shapes_figure

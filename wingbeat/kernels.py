@@ -49,6 +49,6 @@ setattr(config, "CACHE_DIR", str(_folder()))  # noqa: B010  # numba makes its se
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile this function with numba, free of the interpreter's lock while it runs."""
-    compiled: Callable[P, R] = njit(cache=True, nogil=True)(function)
+    """Compile this function with numba: free of the interpreter's lock while it runs, x / 0 is inf as in numpy."""
+    compiled: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy")(function)
     return compiled

@@ -64,7 +64,7 @@ class TaskCounts(NamedTuple):
 class _Entry:
     """One row of the schedule at run time."""
 
-    def __init__(self, slot: Slot, task: FrameTask | LongTask) -> None:
+    def __init__(self, slot: Slot, task: FrameTask | LongTask, clock: Clock) -> None:
         self.slot, self.init = slot, task.init
         self.long = task if isinstance(task, LongTask) else None
         self.frame = task if self.long is None and isinstance(task, FrameTask) else None
@@ -78,6 +78,38 @@ class _Entry:
         self.done.set()
         self.error: BaseException | None = None
         self.spent_cpu_ns = self.spent_wall_ns = 0
+        self.jobs: queue.Queue[bool] = queue.Queue(maxsize=2)  # one job under way at most, and the word to end
+        self._thread: threading.Thread | None = None
+        self._clock = clock
+
+    def measure(self, call: Callable[[], bool | None]) -> bool | None:
+        """Call, and add what it took to what this run has spent so far."""
+        cpu_ns, wall_ns = self._clock.thread_cpu_ns(), self._clock.wall_ns()
+        result = call()
+        self.spent_cpu_ns += self._clock.thread_cpu_ns() - cpu_ns
+        self.spent_wall_ns += self._clock.wall_ns() - wall_ns
+        return result
+
+    def start(self) -> None:
+        """Start the worker thread of a long task."""
+        self._thread = threading.Thread(target=self._work, name=f"worker-{self.slot.task}", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Let the worker end what it has begun."""
+        if self._thread is not None:
+            self.jobs.put(False)
+            self._thread.join()
+            self._thread = None
+
+    def _work(self) -> None:
+        while self.jobs.get():
+            try:
+                assert self.long is not None
+                self.measure(self.long.work)
+            except BaseException as error:  # raised again on the tick thread, where somebody listens
+                self.error = error
+            self.done.set()
 
 
 class Executive:
@@ -97,11 +129,9 @@ class Executive:
         period_ns: int,
         lockstep: bool = True,
     ) -> None:
-        self._entries = {slot.task: _Entry(slot, tasks[slot.task]) for slot in schedule}
+        self._entries = {slot.task: _Entry(slot, tasks[slot.task], clock) for slot in schedule}
         self._trigger, self._clock, self._lockstep = trigger, clock, lockstep
         self._period_ns = period_ns
-        self._jobs: queue.Queue[_Entry | None] = queue.Queue(maxsize=len(self._entries) + 1)
-        self._worker: threading.Thread | None = None
         self.tick = -1
         self.ticks = self.missed_ticks = self.repeated_edges = self.tick_overruns = 0
         self.release_jitter = Timing(period_ns * 1e-6)
@@ -112,12 +142,12 @@ class Executive:
         return self.tick_overruns + sum(entry.overruns for entry in self._entries.values())
 
     def init(self) -> None:
-        """Initialise the tasks in the order of the schedule, and start the worker if one is needed."""
+        """Initialise the tasks in the order of the schedule, and start a worker thread for each long one."""
         for entry in self._entries.values():
             entry.init()
-        if any(entry.slot.latency_ticks > 0 for entry in self._entries.values()):
-            self._worker = threading.Thread(target=self._work, name="executive-worker", daemon=True)
-            self._worker.start()
+        for entry in self._entries.values():
+            if entry.slot.latency_ticks > 0:
+                entry.start()
 
     def step(self) -> bool:
         """Wait for the next edge and run its tick; False when the trigger has ended."""
@@ -149,11 +179,9 @@ class Executive:
             self.close()
 
     def close(self) -> None:
-        """Let the worker end what it has begun; a result whose tick never came is not delivered."""
-        if self._worker is not None:
-            self._jobs.put(None)
-            self._worker.join()
-            self._worker = None
+        """Let the workers end what they have begun; a result whose tick never came is not delivered."""
+        for entry in self._entries.values():
+            entry.stop()
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -180,23 +208,23 @@ class Executive:
     def _release(self, entry: _Entry, edge: Edge) -> None:
         frame, task = entry.frame, entry.long
         if frame is not None:
-            self._measure(entry, lambda: frame.run(edge.tick, edge.time_ns))
+            entry.measure(lambda: frame.run(edge.tick, edge.time_ns))
             self._book(entry)
         if task is None:
             return
         if entry.late:  # its memory is still in use
             entry.lost += 1
             return
-        if self._measure(entry, lambda: task.take(edge.tick)) is False:
+        if entry.measure(lambda: task.take(edge.tick)) is False:
             self._forget(entry)
         elif entry.slot.latency_ticks == 0:
-            self._measure(entry, task.work)
-            self._measure(entry, lambda: task.deliver(edge.tick))
+            entry.measure(task.work)
+            entry.measure(lambda: task.deliver(edge.tick))
             self._book(entry)
         else:
             entry.due_tick = edge.tick + entry.slot.latency_ticks
             entry.done.clear()
-            self._jobs.put(entry)
+            entry.jobs.put(True)
 
     def _deliver_if_due(self, entry: _Entry, tick: int) -> None:
         if entry.late and entry.done.is_set():
@@ -214,25 +242,8 @@ class Executive:
             return
         task = entry.long
         if task is not None and entry.error is None:
-            self._measure(entry, lambda: task.deliver(tick))
+            entry.measure(lambda: task.deliver(tick))
         self._book(entry)
-
-    def _work(self) -> None:
-        """The worker: one job after the other, in the order of their release."""
-        while (entry := self._jobs.get()) is not None:
-            try:
-                assert entry.long is not None
-                self._measure(entry, entry.long.work)
-            except BaseException as error:  # raised again on the tick thread, where somebody listens
-                entry.error = error
-            entry.done.set()
-
-    def _measure(self, entry: _Entry, call: Callable[[], bool | None]) -> bool | None:
-        cpu_ns, wall_ns = self._clock.thread_cpu_ns(), self._clock.wall_ns()
-        result = call()
-        entry.spent_cpu_ns += self._clock.thread_cpu_ns() - cpu_ns
-        entry.spent_wall_ns += self._clock.wall_ns() - wall_ns
-        return result
 
     def _book(self, entry: _Entry) -> None:
         """Count one whole run, on the tick thread."""

@@ -27,7 +27,7 @@ LEAST_CYCLES = 2.5
 COMBINATION_AMPLITUDE = 0.03
 HIGH_COMBINATION_AMPLITUDE = 0.01
 COMBINATION_FREQUENCY = 0.003
-LEAST_RELATIVE_AMPLITUDE = 1e-3
+LEAST_RELATIVE_AMPLITUDE = 5e-3
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there.
 LARGEST_LINE_SHARE = 0.9
 # Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, its least height over

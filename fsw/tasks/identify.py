@@ -1,7 +1,9 @@
 """identify: the displacement history to modes, beside the ticks; its result appears at a fixed later tick."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fault.modes import measures
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult, Options
 from fsw.tables.flight import IdentifyTable
@@ -36,6 +38,7 @@ class Identify:
         self._state, self._table = state, table
         count = state.tracker.grid.count
         self._time_ns = np.zeros(table.history_ticks, np.int64)
+        self._time_s: NDArray[np.float64] = np.zeros(table.history_ticks)
         self._xyz_mm = np.zeros((table.history_ticks, count, 3))
         self._samples = self._tick = self._taken_ns = 0
         self._result: ModalResult | None = None
@@ -51,12 +54,14 @@ class Identify:
 
     def init(self) -> None:
         """Identify a short made-up decay, so that libraries and kernels are ready."""
-        t = np.arange(self._table.least_ticks) * 0.1
+        t = np.linspace(0.0, 0.1 * self._table.least_ticks, self._table.least_ticks)
         identify(t, (np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.ones(4), "decay", self._options)
 
     def take(self, tick: int) -> bool:
-        """Copy the history; False while it is too short."""
+        """Copy the history; False while it is too short, or nothing is measured."""
         state = self._state
+        if not measures(state.mode):
+            return False
         self._samples = min(len(state.history_time_ns), self._table.history_ticks)
         if self._samples < self._table.least_ticks:
             return False
@@ -74,7 +79,8 @@ class Identify:
             self._result = None
             return
         y = xyz[:, self._cells].reshape(self._samples, -1)
-        time_s = np.asarray((time_ns - time_ns[0]) * 1e-9, np.float64)
+        time_s = self._time_s[: self._samples]
+        np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
         self._result = identify(time_s, y, self._table.kind, self._options)
 
     def deliver(self, tick: int) -> None:

@@ -5,7 +5,7 @@ import math
 from fault.modes import Cause, next_mode
 from fault.monitor import Monitor, Verdict
 from fsw.tasks.identify import show
-from fsw.tasks.state import Estimate, State
+from fsw.tasks.state import NOTHING, Estimate, State
 from telemetry.dictionary import (
     AGE_TICKS,
     FLAGS,
@@ -52,6 +52,7 @@ class Protect:
         for event, arguments in verdict.events:
             state.raise_event(event, *arguments)
         self._move(state.causes | verdict.cause)
+        state.causes = NOTHING
         self._keep_good(verdict, tick)
         self._mark(verdict)
 

@@ -53,7 +53,8 @@ class State:
     tick: int = 0
     time_ns: int = 0
     mode: FlightMode = FlightMode.INIT  # by protect
-    causes: Cause = NOTHING  # what the tasks found in this tick; protect reads and clears it
+    causes: Cause = NOTHING  # what the tasks found; protect takes them
+    begun: bool = False  # by search: the tracker has just been told where the cells are
     measured: bool = False  # by feature: this tick's pair was measured
     matched: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))  # (N,) by match
     estimate: Estimate | None = None  # by identify: the newest one delivered
@@ -68,7 +69,6 @@ class State:
         """Start a tick: what the frame tasks find belongs to this trigger."""
         self.tick, self.time_ns = tick, time_ns
         self.measured = False
-        self.causes = NOTHING
 
     def raise_event(self, event: Event, *arguments: float) -> None:
         """Queue an event for publish; if the queue is full it is counted as suppressed."""

@@ -75,10 +75,14 @@ class Tracker:
             covariance_px2=self.covariance_px2[eye],
         )
 
-    def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
-        """Begin from the wing's pose: bring surface, blur and widths of the lines near; returns the points found."""
+    def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
+        """Expect the wing, flat and at rest, in this pose."""
         set_pose(self.surface, rotation, translation_mm)
         self.deviation_px[:] = 0.0
+
+    def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
+        """Begin from the wing's pose: bring surface, blur and widths of the lines near; returns the points found."""
+        self.place(rotation, translation_mm)
         self.blur_px[:] = self.options.blur_px
         self.width_scale[:] = 1.0
         found = 0
@@ -87,6 +91,14 @@ class Tracker:
             self.both_found()
             found = self.reconstruct(self.both)
         return found
+
+    def adopt(self, scout: "Tracker") -> None:
+        """Take over what another tracker of the same wing has settled: surface, blur, widths of the lines."""
+        set_pose(self.surface, scout.surface.rotation, scout.surface.translation_mm)
+        self.surface.unknowns[:] = scout.surface.unknowns
+        self.blur_px[:] = scout.blur_px
+        self.width_scale[:] = scout.width_scale
+        self.deviation_px[:] = scout.deviation_px
 
     def measure(self, left: Image, right: Image) -> None:
         """Find all cells near where they are expected in both images."""
