@@ -94,7 +94,7 @@ class App:
         self.state.tracker.place(prior.rotation, prior.translation_mm)
         self._missed = self._overruns = 0
         self.executive = Executive(
-            schedule, tasks, drivers.trigger, drivers.clock, round(1e9 / drivers.rate_hz), lockstep
+            schedule, tasks, drivers.trigger, drivers.clock, round(1e9 / drivers.rate_hz), lockstep, self.state.begin
         )
 
     def init(self) -> None:

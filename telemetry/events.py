@@ -107,7 +107,7 @@ MODE_VALID = _event(
     40,
     "MODE_VALID",
     _INFO,
-    "mode {slot:.0f} valid: {frequency_hz:.5f} Hz",
+    "slot {slot:.0f} valid: {frequency_hz:.5f} Hz",
     _SLOT,
     Argument("frequency_hz", "Hz"),
 )
@@ -115,7 +115,7 @@ MODE_INVALID = _event(
     41,
     "MODE_INVALID",
     _WARNING,
-    "mode {slot:.0f} no longer valid, flags {flags:.0f}",
+    "slot {slot:.0f} no longer valid, flags {flags:.0f}",
     _SLOT,
     Argument("flags"),
 )

@@ -117,7 +117,7 @@ class Executive:
 
     lockstep: wait at the delivery tick for a long task that is not done. Otherwise that is an overrun: counted,
     and its result is discarded when it comes. Either way results appear at the same ticks, at any speed.
-    period_ns: length of a tick, to count ticks that took longer. Raises KeyError for a task that is not there.
+    begin: told each tick and its time before anything runs. period_ns: length of a tick, to count ticks that took longer. Raises KeyError for a task that is not there.
     """
 
     def __init__(
@@ -128,10 +128,11 @@ class Executive:
         clock: Clock,
         period_ns: int,
         lockstep: bool = True,
+        begin: Callable[[int, int], None] = lambda tick, time_ns: None,
     ) -> None:
         self._entries = {slot.task: _Entry(slot, tasks[slot.task], clock) for slot in schedule}
         self._trigger, self._clock, self._lockstep = trigger, clock, lockstep
-        self._period_ns = period_ns
+        self._period_ns, self._begin = period_ns, begin
         self.tick = -1
         self.ticks = self.missed_ticks = self.repeated_edges = self.tick_overruns = 0
         self.release_jitter = Timing(period_ns * 1e-6)
@@ -161,6 +162,7 @@ class Executive:
         self.tick = edge.tick
         self.ticks += 1
         self.release_jitter.add(max(0, self._clock.now_ns() - edge.time_ns))
+        self._begin(edge.tick, edge.time_ns)
         for entry in self._entries.values():
             self._deliver_if_due(entry, edge.tick)
         for entry in self._entries.values():

@@ -36,7 +36,6 @@ class Acquire:
     def run(self, tick: int, time_ns: int) -> None:
         """Grab both frames; decide whether the pair is usable."""
         state = self._state
-        state.begin(tick, time_ns)
         self.release()
         left, right = self._pools[0].lease(self.name), self._pools[1].lease(self.name)
         assert left is not None and right is not None  # each pool holds the two frames that are ever out

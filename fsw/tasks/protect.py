@@ -1,7 +1,5 @@
 """protect: limits and mode machine over the telemetry points; the only task that may call a mode valid."""
 
-import math
-
 from fault.modes import Cause, next_mode
 from fault.monitor import Monitor, Verdict
 from fsw.tasks.identify import show
@@ -102,5 +100,5 @@ class Protect:
                 if valid and mode is not None:
                     state.raise_event(MODE_VALID, slot, mode.frequency_hz)
                 else:
-                    state.raise_event(MODE_INVALID, slot, int(flags) if mode else math.nan)
+                    state.raise_event(MODE_INVALID, slot, int(flags))
         state.board.set(VALIDITY, int(any_valid))

@@ -36,7 +36,7 @@ class Search:
     def take(self, tick: int) -> bool:
         """Copy the pair, if there is one and the grid is not known."""
         state = self._state
-        if state.mode is not FlightMode.ACQUIRE or not state.pair.usable:
+        if state.mode is not FlightMode.ACQUIRE or state.begun or not state.pair.usable:
             return False
         np.copyto(self._left, state.pair.left)
         np.copyto(self._right, state.pair.right)
