@@ -7,13 +7,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fault.monitor import Monitor
-from fsw.executive.executive import Executive, FrameTask, LongTask
+from fsw.executive.entry import FrameTask, LongTask
+from fsw.executive.executive import Executive
 from fsw.executive.schedule import check_schedule
 from fsw.geometry import make_prior, make_rig, make_wing_grid
 from fsw.memory.pool import FramePool
 from fsw.memory.ring import Ring
 from fsw.tables.flight import FlightTable
 from fsw.tables.schema import CamerasTable, WingTable
+from fsw.tables.store import TableStore
 from fsw.tasks.acquire import Acquire
 from fsw.tasks.feature import Feature
 from fsw.tasks.identify import Identify
@@ -28,9 +30,10 @@ from hal.camera import Camera
 from hal.clock import Clock
 from hal.trigger import Trigger
 from telemetry.dictionary import OVERRUNS, TICKS_MISSED
-from telemetry.events import OVERRUN, STARTED, STOPPED, TRIGGER_GAP
+from telemetry.events import OVERRUN, STARTED, STOPPED, TABLE_ACTIVATED, TRIGGER_GAP
 from wingbeat.errors import InputError
 
+FLIGHT_TABLE = 1  # number of the flight table in events
 FRAMES_PER_EYE = 1  # leased at a time; one measured pair is given back before the next is taken
 
 
@@ -62,7 +65,9 @@ class App:
         cv2.setNumThreads(1)
         self._threads = threadpool_limits(limits=1)
         rig, grid, prior = make_rig(tables.cameras), make_wing_grid(tables.wing), make_prior(tables.wing)
-        vision, identify = tables.flight.vision, tables.flight.identify
+        self.flight_table = TableStore(tables.flight)
+        flight = self.flight_table.active.table
+        vision, identify = flight.vision, flight.identify
         blank = [np.zeros((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
         pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
         self._rate_hz, self._rig = drivers.rate_hz, rig
@@ -84,11 +89,11 @@ class App:
             Match(self.state, vision),
             Reconstruct(self.state, vision),
             Identify(self.state, identify),
-            Protect(self.state, Monitor(tables.flight.limit)),
+            Protect(self.state, Monitor(flight.limit)),
             self._publish,
         ]
         tasks = {task.name: task for task in known}
-        schedule = tables.flight.schedule
+        schedule = flight.schedule
         if findings := check_schedule(schedule, tasks, None if lockstep else 1e3 / drivers.rate_hz):
             raise InputError(findings[0].text, "schedule", "correct the flight tables")
         self.state.tracker.place(prior.rotation, prior.translation_mm)
@@ -100,6 +105,7 @@ class App:
     def init(self) -> None:
         """Take all memory and compile all kernels."""
         self.state.raise_event(STARTED, self.state.tracker.grid.count, self._rate_hz)
+        self.state.raise_event(TABLE_ACTIVATED, FLIGHT_TABLE, self.flight_table.active.version)
         self.executive.init()
 
     def step(self) -> bool:

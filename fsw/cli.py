@@ -14,13 +14,14 @@ from fsw.app import Drivers, Tables
 from fsw.channels import read_channels
 from fsw.modal.pipeline import identify as identify_modes
 from fsw.modal.result import ModalResult, to_contract
-from fsw.run import SUMMARY, fly, run_folder
+from fsw.run import SUMMARY, as_json, fly, run_folder
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight
 from fsw.tables.schema import load_sequence
 from hal.drivers.image_files import find_images
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.recorded import RecordedCamera, RecordedTrigger, Recording, open_recording
+from hal.store import FileStore
 from telemetry.modes_text import modes_table
 from telemetry.report import write_identify_report, write_report
 from wingbeat.console import progress, write_json
@@ -61,7 +62,7 @@ def replay(
             figures = fly(
                 Tables(cameras, wing, flight), _drivers(recording, described.rate_hz), folder, each_tick=advance
             )
-        (folder / SUMMARY).write_text(json.dumps({"sequence": sequence.name} | figures, indent=2) + "\n")
+        FileStore(folder).write(SUMMARY, as_json({"sequence": sequence.name} | figures))
         write_report(folder, f"Replay of {sequence.resolve().parent.name}")
     modes = json.loads((target / "modes.json").read_text())
     if json_file is not None:

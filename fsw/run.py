@@ -21,6 +21,7 @@ from fsw.run_log import RunLog
 from fsw.tasks.publish import Outlets
 from fsw.tasks.state import State
 from hal.bus import Bus
+from hal.store import FileStore
 from telemetry.dictionary import (
     DROPS_CORRUPT,
     DROPS_MISSING,
@@ -76,6 +77,7 @@ def fly(
 
     Returns the run in figures. each_tick is called after every tick, for progress.
     """
+    store = FileStore(folder)
     with ExitStack() as stack:
         cells = np.array([(p, c, r) for p, panel in enumerate(tables.wing.panel)
                           for c in range(panel.columns) for r in range(panel.rows)])  # fmt: skip
@@ -84,7 +86,7 @@ def fly(
             can_log=stack.enter_context(CanLog(folder / "can.log")),
             mavlink_log=stack.enter_context(MavlinkLog(folder / "mavlink.tlog")),
             recorder=stack.enter_context(Recorder(folder / "flight.mcap", cells)),
-            events=stack.enter_context((folder / "events.jsonl").open("wb")),
+            events=stack.enter_context(store.stream("events.jsonl")),
         )
         log = stack.enter_context(RunLog(folder, cells))
         spent: dict[str, list[float]] = defaultdict(list)
@@ -98,9 +100,14 @@ def fly(
         finally:
             app.close()
         modes = published_modes(app.state)
-        (folder / "modes.json").write_text(json.dumps(modes, indent=2, allow_nan=False) + "\n")
+        store.write("modes.json", as_json(modes))
         write_diagram(app.state, folder, cells)
         return log.figures() | _figures(app, modes, spent)
+
+
+def as_json(content: dict[str, Any]) -> bytes:
+    """A JSON file's bytes."""
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
 
 
 def published_modes(state: State) -> dict[str, Any]:

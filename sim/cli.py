@@ -7,15 +7,15 @@ from typing import Annotated
 
 import msgspec
 import typer
-from telemetry.report import write_report
 
 from fsw.app import Drivers, Tables
 from fsw.geometry import make_wing_grid
-from fsw.run import SUMMARY, fly, run_folder
+from fsw.run import SUMMARY, as_json, fly, run_folder
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.python_can import PythonCanBus
+from hal.store import FileStore
 from sim.cameras import SimulatedCamera, SimulatedTrigger, WorldClock
 from sim.compare import compare_points, true_modes
 from sim.flight_files import flight_files
@@ -23,6 +23,7 @@ from sim.scenario import check_scenario, load_scenario
 from sim.truth import write_truth
 from sim.world import World
 from telemetry.modes_text import modes_table
+from telemetry.report import write_report
 from wingbeat.console import progress, write_json
 
 
@@ -73,7 +74,7 @@ def sil(
         known = true_modes(truth)
         summary = {"scenario": scenario, "seed": world.seed, "pace": pace.value} | figures
         summary |= {"true_modes": known, "against_truth": against}
-        (folder / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        FileStore(folder).write(SUMMARY, as_json(summary))
         write_report(folder, f"Software in the loop: {scenario}")
     modes = json.loads((target / "modes.json").read_text())
     if json_file is not None:
