@@ -160,10 +160,10 @@ def _add_spent(app: App, spent: dict[str, list[float]]) -> None:
             spent[task].append(figures.last_ms)
 
 
-def _timing(app: App, task: str, spent_ms: list[float]) -> dict[str, float | int]:
+def _timing(app: App, task: str, spent_ms: list[float]) -> dict[str, float | int | None]:
     """Thread-CPU time of a task's runs, in ms; spent_ms: one entry a run."""
     if not spent_ms:
-        return {"runs": 0}
+        return {"runs": 0, "mean": None, "p50": None, "p99": None, "max": None}
     p50, p99 = np.percentile(spent_ms, (50, 99))
     cpu, _ = app.executive.timing(task)
     figures = {"mean": cpu.summary().mean_ms, "p50": float(p50), "p99": float(p99), "max": max(spent_ms)}

@@ -21,7 +21,7 @@ LARGEST_AMBIENT_DAMPING_SIGMA = 0.9
 # A frequency that moves by more than this share of itself within the record is not one frequency.
 LARGEST_CHANGE = 0.005
 CHANGE_DEVIATIONS = 4.0
-LEAST_CYCLES = 2.5
+LEAST_CYCLES = 2.0
 # Perspective and bending make weak copies of strong modes at sums, differences and multiples of their frequencies;
 # copies of higher order are weaker still.
 COMBINATION_AMPLITUDE = 0.03
