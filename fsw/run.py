@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fsw.app import App, Drivers, Tables
 from fsw.modal.result import to_contract
-from fsw.run_log import RunLog
+from fsw.run_log import POINTS, RunLog
 from fsw.tasks.publish import Outlets
 from fsw.tasks.state import State
 from hal.bus import Bus
@@ -43,9 +43,10 @@ DROPS = (DROPS_MISSING, DROPS_SKEW, DROPS_CORRUPT, DROPS_STUCK)
 
 @contextmanager
 def run_folder(out: Path) -> Iterator[Path]:
-    """A folder to fill, which becomes `out` when the block ends well, and vanishes when it does not.
+    """A folder to fill, which becomes `out` when the block ends well.
 
-    An `out` that is a complete run is replaced; one that is anything else is refused. Raises InputError.
+    If it does not, what was measured until then stays in NAME.partial; nothing stays where nothing was measured. An
+    `out` that is a complete run is replaced; one that is anything else is refused. Raises InputError.
     """
     if out.exists() and not (out / SUMMARY).is_file() and (not out.is_dir() or any(out.iterdir())):
         raise InputError("is there already, and is no run", out, "name another folder with --out")
@@ -58,7 +59,8 @@ def run_folder(out: Path) -> Iterator[Path]:
     try:
         yield partial
     except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
+        if not (partial / POINTS).exists():
+            shutil.rmtree(partial, ignore_errors=True)
         raise
     if out.exists():
         shutil.rmtree(out)

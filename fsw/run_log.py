@@ -24,6 +24,7 @@ from telemetry.dictionary import (
     REPROJECTION_RMS_PX,
 )
 
+POINTS = "points.npz"
 PREVIEW_WIDTH = 1400
 QUALITY_HEADER = (
     "tick", "time_s", "mode", "detected_left", "detected_right", "matched", "char", "mu", "cmp", "precision", "recall",
@@ -55,10 +56,10 @@ class RunLog:
         self._csv.writerow(QUALITY_HEADER)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
         self._rows.close()
         self._quality.close()
-        if kind is None:
+        if self.ticks:
             self._write_points()
         self._rows_path.unlink()
 
@@ -100,7 +101,7 @@ class RunLog:
         """The cells that were ever measured, all ticks."""
         rows = np.fromfile(self._rows_path, self._row)
         np.savez_compressed(
-            self._folder / "points.npz",
+            self._folder / POINTS,
             time_s=rows["time_s"],
             cell=self._cells[self._seen],
             xyz_mm=rows["xyz_mm"][:, self._seen],

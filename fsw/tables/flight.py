@@ -64,6 +64,10 @@ class IdentifyTable(Table, frozen=True):
     order: Annotated[int, Meta(ge=2, le=200, description="highest order of the realisation")]
     drift_degree: Annotated[int, Meta(ge=0, le=6, description="polynomial drift under a decay")]
     most_modes: Annotated[int, Meta(ge=1, le=8, description="modes in an estimate, at most")]
+    clock_tolerance_ppm: Annotated[
+        float,
+        Meta(ge=0.0, le=1000.0, description="what the trigger's clock may be off by; no frequency is surer, ppm"),
+    ]
     minimum_amplitude_mm: Annotated[
         float, Meta(ge=0.0, le=1000.0, description="below this a mode is not observable, mm")
     ]

@@ -1,11 +1,14 @@
 """identify: the displacement history to modes, beside the ticks; its result appears at a fixed later tick."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fault.modes import measures
 from fsw.modal.pipeline import identify
-from fsw.modal.result import ModalResult, Options
+from fsw.modal.result import ModalResult, Mode, Options
 from fsw.tables.flight import IdentifyTable
 from fsw.tasks.state import Estimate, State
 from telemetry.dictionary import (
@@ -81,7 +84,13 @@ class Identify:
         y = xyz[:, self._cells].reshape(self._samples, -1)
         time_s = self._time_s[: self._samples]
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
-        self._result = identify(time_s, y, self._table.kind, self._options)
+        result = identify(time_s, y, self._table.kind, self._options)
+        self._result = replace(result, modes=[self._with_clock(mode) for mode in result.modes])
+
+    def _with_clock(self, mode: Mode) -> Mode:
+        """The same mode, no surer of its frequency than the clock that times the frames."""
+        clock_hz = self._table.clock_tolerance_ppm * 1e-6 * mode.frequency_hz
+        return replace(mode, frequency_sigma_hz=math.hypot(mode.frequency_sigma_hz, clock_hz))
 
     def deliver(self, tick: int) -> None:
         """Show the estimate."""
