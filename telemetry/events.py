@@ -17,25 +17,11 @@ class Eye(IntEnum):
     RIGHT = 1
 
 
-class TaskName(IntEnum):
-    """Tasks, as events name them."""
-
-    ACQUIRE = 0
-    FEATURE = 1
-    MATCH = 2
-    RECONSTRUCT = 3
-    IDENTIFY = 4
-    PROTECT = 5
-    PUBLISH = 6
-    COMMAND = 7
-    HOUSEKEEPING = 8
-
-
 def _names(choices: Iterable[IntEnum]) -> dict[int, str]:
     return {int(choice): choice.name for choice in choices}
 
 
-_MODES, _EYES, _TASKS = _names(FlightMode), _names(Eye), _names(TaskName)
+_MODES, _EYES = _names(FlightMode), _names(Eye)
 _POINTS = {number: point.name for number, point in enumerate(POINTS)}
 _DIAGNOSTIC, _INFO, _WARNING, _CRITICAL = Severity
 
@@ -45,7 +31,6 @@ def _event(number: int, name: str, severity: Severity, text: str, *arguments: Ar
 
 
 _EYE = Argument("eye", choices=_EYES)
-_TASK = Argument("task", choices=_TASKS)
 _SLOT = Argument("slot")
 _COUNT = Argument("count")
 _LIMIT = (Argument("point", choices=_POINTS), _SLOT, Argument("value"), Argument("limit"))
@@ -98,7 +83,6 @@ FRAME_STUCK = _event(13, "FRAME_STUCK", _WARNING, "the {eye} eye repeats its fra
 TRIGGER_GAP = _event(14, "TRIGGER_GAP", _WARNING, "{count:.0f} trigger edges missed", _COUNT)
 
 OVERRUN = _event(20, "OVERRUN", _WARNING, "{count:.0f} tasks or ticks were not done in time", _COUNT)
-RESULT_DISCARDED = _event(21, "RESULT_DISCARDED", _WARNING, "late result of {task} discarded", _TASK)
 
 LOCK_ACQUIRED = _event(30, "LOCK_ACQUIRED", _INFO, "{count:.0f} cells found", _COUNT)
 LOCK_LOST = _event(31, "LOCK_LOST", _WARNING, "lock lost, {count:.0f} cells left", _COUNT)
@@ -118,6 +102,9 @@ MODE_INVALID = _event(
     "slot {slot:.0f} no longer valid, flags {flags:.0f}",
     _SLOT,
     Argument("flags"),
+)
+IDENTIFICATION_FAILED = _event(
+    44, "IDENTIFICATION_FAILED", _WARNING, "no modes could be computed from {count:.0f} samples", _COUNT
 )
 NOT_OBSERVABLE = _event(42, "NOT_OBSERVABLE", _INFO, "the wing is quiet: nothing to identify")
 OBSERVABLE = _event(43, "OBSERVABLE", _INFO, "the wing moves enough to be identified")

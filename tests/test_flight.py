@@ -27,6 +27,8 @@ from telemetry.dictionary import (
 from telemetry.export import dbc_text
 from telemetry.mavlink_dialect import dialect_xml
 
+LOCK = 5  # the search begins at tick 0, and its result appears so many ticks later
+
 SENT = (
     FREQUENCY_HZ,
     FREQUENCY_SIGMA_HZ,
@@ -60,7 +62,7 @@ def test_the_true_modes_are_found_and_no_other_one_is_valid(small_run: Path) -> 
 def test_every_cell_is_followed_to_a_hundredth_of_a_millimetre(small_run: Path) -> None:
     against = json.loads((small_run / "summary.json").read_text())["against_truth"]
     assert against["cells"] >= 250
-    assert against["first_measured_tick"] == 0
+    assert against["first_measured_tick"] == LOCK
     assert against["share_of_ticks_median"] >= 0.99
     assert against["displacement_rms_mm"] < 0.01
     assert against["displacement_max_mm"] < 0.1  # no cell under another's name: that would be 20 mm
@@ -69,8 +71,8 @@ def test_every_cell_is_followed_to_a_hundredth_of_a_millimetre(small_run: Path) 
 def test_quality_is_near_one_in_every_tick(small_run: Path) -> None:
     rows = list(csv.DictReader((small_run / "quality.csv").open()))
     assert [int(row["tick"]) for row in rows] == list(range(120))
-    assert {row["mode"] for row in rows} == {"TRACK"}
-    assert all(float(row["cmp"]) >= 0.99 and float(row["precision"]) == 1.0 for row in rows)
+    assert [row["mode"] for row in rows] == ["ACQUIRE"] * LOCK + ["TRACK"] * (len(rows) - LOCK)
+    assert all(float(row["cmp"]) >= 0.99 and float(row["precision"]) == 1.0 for row in rows[LOCK:])
 
 
 def test_the_folder_holds_what_the_contract_says(small_run: Path) -> None:
@@ -84,18 +86,28 @@ def test_the_folder_holds_what_the_contract_says(small_run: Path) -> None:
         assert points["sigma_mm"].shape == (ticks, cells) and points["centre_px"].shape == (2, ticks, cells, 2)
 
 
-@pytest.mark.parametrize("pace", ["lockstep", "real"])
-def test_another_process_sends_the_same_bytes(small_run: Path, tmp_path: Path, pace: str) -> None:
-    again = tmp_path / "again"
-    wingbeat("sil", "small", "--duration", "8", "--out", again, "--pace", pace)
-    summary = json.loads((again / "summary.json").read_text())
-    if summary["overruns"]:
-        pytest.skip("this machine was too busy to hold real pace; what is late is counted, not the same")
+def assert_same_bytes(one: Path, two: Path) -> None:
     for name in ("can.log", "mavlink.tlog", "modes.json", "events.jsonl", "quality.csv"):
-        assert (again / name).read_bytes() == (small_run / name).read_bytes(), name
-    assert payloads(again / "flight.mcap") == payloads(small_run / "flight.mcap")
-    with np.load(again / "points.npz") as one, np.load(small_run / "points.npz") as two:
-        assert all(np.array_equal(one[key], two[key], equal_nan=True) for key in two.files)
+        assert (one / name).read_bytes() == (two / name).read_bytes(), name
+    assert payloads(one / "flight.mcap") == payloads(two / "flight.mcap")
+    with np.load(one / "points.npz") as first, np.load(two / "points.npz") as second:
+        assert all(np.array_equal(first[key], second[key], equal_nan=True) for key in first.files)
+
+
+def test_another_process_sends_the_same_bytes(small_run: Path, tmp_path: Path) -> None:
+    wingbeat("sil", "small", "--duration", "8", "--out", tmp_path / "again")
+    assert_same_bytes(tmp_path / "again", small_run)
+
+
+@pytest.mark.alone
+def test_real_pace_sends_the_same_bytes_as_lockstep(small_run: Path, tmp_path: Path) -> None:
+    for attempt in range(3):
+        run = tmp_path / f"real{attempt}"
+        wingbeat("sil", "small", "--duration", "8", "--out", run, "--pace", "real")
+        if json.loads((run / "summary.json").read_text())["overruns"] == 0:
+            assert_same_bytes(run, small_run)
+            return
+    pytest.skip("this machine was too busy to keep real pace three times; what was late was counted as such")
 
 
 def test_another_seed_sends_other_bytes(small_run: Path, tmp_path: Path) -> None:
@@ -157,4 +169,4 @@ def test_the_mcap_reader_reads_the_recording_and_agrees_with_modes_json(small_ru
     for slot, mode in enumerate(read_modes(small_run)["modes"]):
         for point in SENT:
             assert math.isclose(slots[slot][point.name], float(mode[point.name]), rel_tol=0, abs_tol=point.scale)
-    assert sum(topic == "/points" for topic, _, _ in records) == 120
+    assert sum(topic == "/points" for topic, _, _ in records) == 120 - LOCK

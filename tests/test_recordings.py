@@ -27,7 +27,9 @@ def test_nearly_all_cells_are_measured_under_their_right_names(recordings: Path,
     for eye in ("uv_left", "uv_right"):
         u, v = truth[eye][..., 0], truth[eye][..., 1]
         in_view &= (u >= 0) & (u <= 2047) & (v >= 0) & (v <= 1499)
-    assert (measured & in_view[:, place]).sum() >= 0.98 * in_view.sum()
+    seen = measured & in_view[:, place]
+    assert seen[5:].sum() >= 0.99 * in_view[5:].sum()  # the search takes five ticks
+    assert seen.sum() >= 0.92 * in_view.sum()
     error = np.where(measured[..., None], xyz - true, np.nan)
     moving = error - np.nanmean(error, axis=0)
     assert np.sqrt(np.nanmean(moving**2)) < 0.005

@@ -27,9 +27,11 @@ from telemetry.dictionary import (
     RECORD_SAMPLES,
     flag_bits,
 )
+from telemetry.events import IDENTIFICATION_FAILED
+from wingbeat.errors import InputError
 
 NAN = float("nan")
-LEAST_SHARE = 0.8  # of the record's ticks in which a cell must have been measured to take part
+LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to take part
 
 
 class Identify:
@@ -45,6 +47,7 @@ class Identify:
         self._xyz_mm = np.zeros((table.history_ticks, count, 3))
         self._samples = self._tick = self._taken_ns = 0
         self._result: ModalResult | None = None
+        self._failed = False
         self._cells = np.zeros(0, np.int64)
         self._options = Options(
             coordinates=table.coordinates,
@@ -74,18 +77,27 @@ class Identify:
         return True
 
     def work(self) -> None:
-        """Identify the copied record."""
+        """Identify the copied record. A record that no mode can be found in is no reason to stop flying."""
+        try:
+            self._result, self._failed = self._identify(), False
+        except (InputError, np.linalg.LinAlgError):
+            self._result, self._failed = None, True
+
+    def _identify(self) -> ModalResult | None:
         time_ns, xyz = self._time_ns[: self._samples], self._xyz_mm[: self._samples]
         measured = np.isfinite(xyz[:, :, 0])
-        self._cells = np.flatnonzero(measured.mean(axis=0) >= LEAST_SHARE)
+        ticks = measured.any(axis=1)  # a tick without a pair, or before the lock, says nothing against a cell
+        if np.count_nonzero(ticks) < self._table.least_ticks:
+            return None
+        self._cells = np.flatnonzero(measured[ticks].mean(axis=0) >= LEAST_SHARE)
         if len(self._cells) == 0:
-            self._result = None
-            return
-        y = xyz[:, self._cells].reshape(self._samples, -1)
-        time_s = self._time_s[: self._samples]
+            return None
+        time_ns, xyz = time_ns[ticks], xyz[ticks]
+        y = xyz[:, self._cells].reshape(len(xyz), -1)
+        time_s = self._time_s[: len(xyz)]
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
         result = identify(time_s, y, self._table.kind, self._options)
-        self._result = replace(result, modes=[self._with_clock(mode) for mode in result.modes])
+        return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
 
     def _with_clock(self, mode: Mode) -> Mode:
         """The same mode, no surer of its frequency than the clock that times the frames."""
@@ -94,9 +106,11 @@ class Identify:
 
     def deliver(self, tick: int) -> None:
         """Show the estimate."""
+        state = self._state
+        if self._failed:
+            state.raise_event(IDENTIFICATION_FAILED, self._samples)
         if self._result is None:
             return
-        state = self._state
         state.estimate = Estimate(self._result, self._cells, self._tick, self._taken_ns, self._samples)
         state.new_estimate = True
         show(state, state.estimate)

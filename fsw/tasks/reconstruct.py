@@ -40,13 +40,16 @@ class Reconstruct:
     def _points(self) -> None:
         state, table = self._state, self._table
         count = state.tracker.reconstruct(state.matched, table.reprojection_gate_px, table.epipolar_gate_px)
+        # Most of the cells that should be there must be there; fewer is no lock, whatever they say.
+        few = count < max(table.least_cells, 0.5 * state.tracker.expected_count)
+        if few:
+            state.tracker.discard()
         np.copyto(self._row, state.tracker.points.xyz_mm)
         reprojection_px, epipolar_px = state.tracker.residuals()
         state.board.set(MATCHED, count)
         state.board.set(REPROJECTION_RMS_PX, reprojection_px)
         state.board.set(EPIPOLAR_RMS_PX, epipolar_px)
-        # Most of the cells that should be there must be there; fewer is no lock, whatever they say.
-        self._few = self._few + 1 if count < max(table.least_cells, 0.5 * state.tracker.expected_count) else 0
+        self._few = self._few + 1 if few else 0
         if self._few >= table.lost_after_ticks:
             self._few = 0
             state.causes |= Cause.LOCK_LOST

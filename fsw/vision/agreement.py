@@ -136,7 +136,9 @@ def _within(R: FloatArray, t: FloatArray, wing_mm: FloatArray, prior: Prior, opt
     c, s = np.cos(np.deg2rad(spin)), np.sin(np.deg2rad(spin))
     swung = np.array([[c, -s], [s, c]]) @ middle[:2] - middle[:2]
     lift = limit_mm + np.linalg.norm(middle) * np.deg2rad(limit_deg) + options.bending_mm
-    return bool(np.all(np.abs(shift[:2] - swung) <= limit_mm + 2.0) and abs(shift[2]) <= lift)
+    # Nobody says about which point the nominal pose is turned: the wing's root, or what the cameras look at.
+    off = np.minimum(np.abs(shift[:2] - swung), np.abs(shift[:2]))
+    return bool(np.all(off <= limit_mm + 2.0) and abs(shift[2]) <= lift)
 
 
 def _absent(

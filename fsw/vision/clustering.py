@@ -20,6 +20,8 @@ _RIDGE = 0.45
 _SHADE = 0.3
 # A pixel above the cells' level by this part of a line's contrast is no cell (borders, bright background).
 _PLATEAU = 0.75
+# Cells lie below the brightness of the lines near by, at least by this part of a line's contrast.
+_BELOW = 0.35
 # Ridges smaller than this many times the median ridge (which is noise: most pixels lie on no line) are noise.
 _NOISE = 5.0
 
@@ -126,6 +128,7 @@ def local_cells(
     over = [int(np.ceil(n / t)) for n, t in zip((width, height), tile, strict=True)]
     ridge = np.zeros(view.shape, dtype=bool)
     contrast = np.zeros((over[1], over[0]), dtype=np.float32)
+    weight, weighted = np.full_like(contrast, 1e-6), np.zeros_like(contrast)
     for along, shape in enumerate((np.ones((1, span[0]), np.uint8), np.ones((span[1], 1), np.uint8))):
         top = cv2.morphologyEx(view, cv2.MORPH_TOPHAT, shape, borderType=cv2.BORDER_REPLICATE)
         hat = np.asarray(top, dtype=np.float32)
@@ -137,9 +140,13 @@ def local_cells(
         level = np.clip(level, _SHADE * around, around)
         floor = _NOISE * float(np.median(hat[::3, ::3]))
         contrast = np.maximum(contrast, level)
+        weight += np.square(tiles).sum(axis=(1, 3))
+        weighted += (np.square(tiles) * _tiles(view, tile, over)).sum(axis=(1, 3))
         ridge |= hat > _spread(_RIDGE * np.maximum(level, floor), tile, view.shape)
     base = np.median(_tiles(view, tile, over)[:, ::3, :, ::3], axis=(1, 3)).astype(np.float32)
-    ceiling = _spread(_rank(base, 2) + _PLATEAU * contrast, tile, view.shape)
+    # A dark background beside the wing lies far below the cells: they reach up to the lines' level less a part.
+    ceiling_at = np.maximum(_rank(base, 2) + _PLATEAU * contrast, _rank(weighted / weight, 4) - _BELOW * contrast)
+    ceiling = _spread(ceiling_at, tile, view.shape)
     cells = np.where(ridge | (view > ceiling), np.uint8(0), np.uint8(255))
     return cells, float(np.percentile(contrast, 75.0))
 

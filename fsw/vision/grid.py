@@ -48,6 +48,12 @@ class CellGrid:
         """Number of cells N."""
         return len(self.cell)
 
+    @property
+    def column(self) -> IntArray:
+        """Column (N,) of each cell, counted from the root through all panels."""
+        before = np.cumsum([0, *(panel.columns for panel in self.panels)])
+        return np.asarray(before[self.cell[:, 0]] + self.cell[:, 1], dtype=np.int64)
+
     def index(self, panel: int, column: int, row: int) -> int:
         """Index n of the cell at this place."""
         first = sum(p.columns * p.rows for p in self.panels[:panel])

@@ -1,0 +1,214 @@
+"""Where each cell is expected: one surface of the wing, shared by both eyes.
+
+The wing is its flat grid at a reference pose, moved in its plane as a rigid body and bent out of its plane by a
+low-order polynomial. A few numbers hold all of it, so both eyes and all cells move together: none can slip alone.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.vision.edges import FloatArray, solve
+from fsw.vision.grid import CellGrid
+from fsw.vision.rig import Eyes, image_point, project
+from wingbeat.kernels import kernel
+
+BoolArray = NDArray[np.bool_]
+
+# Unknowns, in mm. Rigid in the plane: shift along X and Y, turn. Bending: the polynomial 1, x, y, xy, x2, x2 y, x3 of
+# first bending and torsion, and y2, x y2, x3 y, x4, x5 of what large motions show besides (the curvature across that
+# comes with one along, second modes). Lean: x, x2, xy along X and x, x2 along Y, by which a wing that bends away from
+# a reference pose that was itself bent moves in that pose's plane. Nothing stretches it across: a view that took one
+# row for the next would need that, and cannot be explained.
+RIGID, BENDING, LEAN = 3, 12, 5
+FEW = RIGID + 7  # the unknowns of a quick look, which must not bend to follow a mistaken line
+UNKNOWNS = RIGID + BENDING + LEAN
+
+# How large they may be, as standard deviations at the wing's end.
+_SIGMA_MM = [50.0] * RIGID + [100.0] * 5 + [30.0] * 2 + [3.0, 3.0, 10.0, 20.0, 10.0] + [5.0] * LEAN
+_POINT_SIGMA_MM = 0.1  # what a measured centre's distance from this surface is, at most
+_LINE_SIGMA_PX = 0.5  # and a sighted line's
+
+LEAST_POINTS = 8  # fewer do not move the surface
+FIT_TURNS = 4
+GATE_MEDIANS = 8.0  # a centre lies off the surface from so many times the median distance ...
+GATE_SIGMAS = 6.0  # ... and from so many of its own standard deviations
+
+
+class Surface(NamedTuple):
+    """The wing's surface: reference pose, basis at corners and centres, and the current unknowns."""
+
+    rotation: FloatArray  # (3, 3) X_left = rotation (X_wing + d) + translation
+    translation_mm: FloatArray  # (3,)
+    flat_mm: FloatArray  # (N, 5, 2) four corners and the centre on the flat wing
+    basis: FloatArray  # (N, 5, BENDING) bending polynomial there
+    half_mm: float  # half the wing's length: the turn in the plane is counted in mm there, like all else
+    unknowns: FloatArray  # (UNKNOWNS,) mm
+    point_prior: FloatArray  # (UNKNOWNS,) weight of each unknown's being 0, against a measured centre, 1 / mm2
+    line_prior: FloatArray  # (UNKNOWNS,) and against a sighted line, px2 / mm2
+
+
+class Normal(NamedTuple):
+    """Normal equations of the unknowns; taken once."""
+
+    matrix: FloatArray  # (UNKNOWNS, UNKNOWNS)
+    right: FloatArray  # (UNKNOWNS,)
+    row: FloatArray  # (4, UNKNOWNS) equations in the making
+    step: FloatArray  # (UNKNOWNS,)
+    sorted: FloatArray  # (N,) distances in order, for their median
+
+
+def make_normal(count: int) -> Normal:
+    """Take the working memory for `count` cells."""
+    n = UNKNOWNS
+    return Normal(np.zeros((n, n)), np.zeros(n), np.zeros((4, n)), np.zeros(n), np.zeros(count))
+
+
+def make_surface(grid: CellGrid) -> Surface:
+    """A flat surface at rest, pose unset."""
+    flat = np.concatenate([grid.corners_mm, grid.centre_mm[:, None]], axis=1)
+    x = flat[..., 0] / (0.5 * grid.outline_mm[0]) - 1.0
+    y = flat[..., 1] / (0.5 * grid.outline_mm[1])
+    one = np.ones_like(x)
+    sigma = np.array(_SIGMA_MM)
+    bending = [one, x, y, x * y, x * x, x * x * y, x**3, y * y, x * y * y, x**3 * y, x**4, x**5]
+    basis = np.stack(bending, axis=-1)
+    return Surface(
+        np.eye(3),
+        np.zeros(3),
+        flat,
+        np.ascontiguousarray(basis),
+        0.5 * grid.outline_mm[0],
+        np.zeros(UNKNOWNS),
+        (_POINT_SIGMA_MM / sigma) ** 2,
+        (_LINE_SIGMA_PX / sigma) ** 2,
+    )
+
+
+def set_pose(surface: Surface, rotation: FloatArray, translation_mm: FloatArray) -> None:
+    """Lay the reference pose, flat and at rest."""
+    surface.rotation[:] = rotation
+    surface.translation_mm[:] = translation_mm
+    surface.unknowns[:] = 0.0
+
+
+@kernel
+def shares_of(surface: Surface, X: float, Y: float, basis: FloatArray, out: FloatArray) -> None:
+    """Derivative (3, UNKNOWNS) of a point's place in the left camera's frame with respect to the unknowns."""
+    R = surface.rotation
+    for i in range(3):
+        out[i, 0] = R[i, 0]
+        out[i, 1] = R[i, 1]
+        out[i, 2] = (R[i, 1] * X - R[i, 0] * Y) / surface.half_mm
+        for j in range(BENDING):
+            out[i, RIGID + j] = R[i, 2] * basis[j]
+        x, x2, xy = basis[1], basis[4], basis[3]
+        lean = RIGID + BENDING
+        out[i, lean], out[i, lean + 1], out[i, lean + 2] = R[i, 0] * x, R[i, 0] * x2, R[i, 0] * xy
+        out[i, lean + 3], out[i, lean + 4] = R[i, 1] * x, R[i, 1] * x2
+
+
+@kernel
+def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
+    """Place of corner k (or of the centre, k = 4) of cell n in the left camera's frame, in mm."""
+    R, t, q, b = surface.rotation, surface.translation_mm, surface.unknowns, surface.basis[n, k]
+    X, Y = surface.flat_mm[n, k]
+    lean = q[RIGID + BENDING :]
+    x = X + q[0] - q[2] * Y / surface.half_mm + lean[0] * b[1] + lean[1] * b[4] + lean[2] * b[3]
+    y = Y + q[1] + q[2] * X / surface.half_mm + lean[3] * b[1] + lean[4] * b[4]
+    z = 0.0
+    for j in range(BENDING):
+        z += q[RIGID + j] * b[j]
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0],
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1],
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2],
+    )
+
+
+@kernel
+def expect(surface: Surface, eyes: Eyes, corners_px: FloatArray, centre_px: FloatArray, in_view: BoolArray) -> None:
+    """Expected ideal pixels of corners (2, N, 4, 2), centres (2, N, 2), and whether a centre is in the image (2, N)."""
+    for n in range(surface.flat_mm.shape[0]):
+        for k in range(5):
+            x, y, z = locate(surface, n, k)
+            for eye in range(2):
+                u, v, depth = project(eyes.projection[eye], x, y, z)
+                if k < 4:
+                    corners_px[eye, n, k, 0], corners_px[eye, n, k, 1] = u, v
+                else:
+                    centre_px[eye, n, 0], centre_px[eye, n, 1] = u, v
+                    inside, _, _ = image_point(eyes, eye, u, v)
+                    in_view[eye, n] = inside and depth > 0.0
+
+
+@kernel
+def add_equation(
+    matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float, unknowns: int
+) -> None:
+    """Add one weighted equation row . x = value in so many unknowns to the normal equations (lower triangle)."""
+    for i in range(unknowns):
+        right[i] += weight * row[i] * value
+        for j in range(i + 1):
+            matrix[i, j] += weight * row[i] * row[j]
+
+
+@kernel
+def fit_surface(
+    surface: Surface,
+    xyz_mm: FloatArray,
+    sigma_mm: FloatArray,
+    valid: BoolArray,
+    widest_mm: float,
+    normal: Normal,
+    distance_mm: FloatArray,
+) -> float:
+    """Fit the surface to measured centres, leaving out what lies off it; returns the gate, in mm, of the last turn.
+
+    xyz_mm (N, 3), sigma_mm (N,), valid (N,). Writes distance_mm (N,): of each centre from the surface, NaN where there
+    is none. What lies off is judged by the other cells, whose distances show how well the surface can follow this
+    wing; widest_mm is as far as any cell may lie. With too few points the surface stays as it is.
+    """
+    shares, A, b = normal.row[:3], normal.matrix, normal.right
+    gate = math.inf
+    for turn in range(FIT_TURNS):
+        A[:] = 0.0
+        b[:] = 0.0
+        used = 0
+        for n in range(xyz_mm.shape[0]):
+            if not valid[n] or (turn > 0 and distance_mm[n] > max(gate, GATE_SIGMAS * sigma_mm[n])):
+                continue
+            x, y, z = locate(surface, n, 4)
+            r = (xyz_mm[n, 0] - x, xyz_mm[n, 1] - y, xyz_mm[n, 2] - z)
+            used += 1
+            shares_of(surface, surface.flat_mm[n, 4, 0], surface.flat_mm[n, 4, 1], surface.basis[n, 4], shares)
+            for i in range(3):
+                add_equation(A, b, shares[i], r[i], 1.0, UNKNOWNS)
+        if used >= LEAST_POINTS:
+            for j in range(UNKNOWNS):
+                A[j, j] += surface.point_prior[j]
+                b[j] -= surface.point_prior[j] * surface.unknowns[j]
+            if solve(A, b, UNKNOWNS):
+                for j in range(UNKNOWNS):
+                    surface.unknowns[j] += b[j]
+        gate = min(widest_mm, GATE_MEDIANS * _distances(surface, xyz_mm, valid, normal.sorted, distance_mm))
+    return gate
+
+
+@kernel
+def _distances(
+    surface: Surface, xyz_mm: FloatArray, valid: BoolArray, work: FloatArray, distance_mm: FloatArray
+) -> float:
+    """Write the distance (N,) of each valid centre from the surface, and return their median."""
+    count = 0
+    for n in range(xyz_mm.shape[0]):
+        distance_mm[n] = np.nan
+        if valid[n]:
+            x, y, z = locate(surface, n, 4)
+            distance_mm[n] = math.sqrt((xyz_mm[n, 0] - x) ** 2 + (xyz_mm[n, 1] - y) ** 2 + (xyz_mm[n, 2] - z) ** 2)
+            work[count] = distance_mm[n]
+            count += 1
+    work[:count].sort()
+    return work[count // 2] if count > 0 else math.inf

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, Image, solve
-from fsw.vision.prediction import PRIOR, UNKNOWNS, Normal, Surface, add_equation, locate, shares_of
+from fsw.vision.prediction import Normal, Surface, add_equation, locate, shares_of
 from fsw.vision.rig import Eyes, image_point, project
 from fsw.vision.sides import MIN_CONTRAST
 from wingbeat.kernels import kernel
@@ -17,7 +17,8 @@ BoolArray = NDArray[np.bool_]
 SEARCH = 0.4  # of a cell's extent: how far the quick update looks for a line; half would reach the next line
 SEARCH_PX = 256  # at most
 SEARCH_LINES = 3  # profiles averaged along a side
-TURNS = 6  # of the robust fit; the gate shrinks from turn to turn
+TURNS = 6  # of the robust fit, at most; the gate shrinks from turn to turn ...
+SETTLED = 0.02  # ... until it changes by less than this part
 
 SIDES_SEARCHED = (1, 2)  # each inner line once: +X and +Y sides
 
@@ -107,16 +108,18 @@ def look(
     line_ratio: FloatArray,
     bordering: BoolArray,
     sign: float,
+    step: int,
     seen: Sightings,
 ) -> int:
     """Look for the lines on the +X and +Y side of every cell in view of one eye; returns how many were found.
 
     corners_px (N, 4, 2): expected ideal pixels. in_view (N,). line_ratio, bordering (N, 4): as for measure_cells.
+    step: look at every so many cells.
     """
     found = 0
-    for n in range(corners_px.shape[0]):
+    seen.offset_px[eye] = np.nan
+    for n in range(0, corners_px.shape[0], step):
         for i in range(2):
-            seen.offset_px[eye, n, i] = np.nan
             side = SIDES_SEARCHED[i]
             if not in_view[n] or bordering[n, side]:
                 continue
@@ -131,10 +134,11 @@ def look(
 
 
 @kernel
-def settle(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> tuple[int, float]:
+def settle(surface: Surface, eyes: Eyes, seen: Sightings, unknowns: int, normal: Normal) -> tuple[int, float]:
     """Move the surface so that its lines meet the sighted ones in both eyes: robust least squares.
 
-    Returns the number of sightings and their weighted rms distance left, in pixels.
+    unknowns: how many of the surface's may move, FEW or UNKNOWNS. Returns the number of sightings and their weighted
+    rms distance left, in pixels.
     """
     shares, row, A, b = normal.row[:3], normal.row[3], normal.matrix, normal.right
     scale, count, step = 0.0, 0, normal.step
@@ -162,7 +166,7 @@ def settle(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> tup
                     gy = (nx * (P[0, 1] - u * P[2, 1]) + ny * (P[1, 1] - v * P[2, 1])) / w
                     gz = (nx * (P[0, 2] - u * P[2, 2]) + ny * (P[1, 2] - v * P[2, 2])) / w
                     residual = offset
-                    for j in range(UNKNOWNS):
+                    for j in range(unknowns):
                         row[j] = gx * shares[0, j] + gy * shares[1, j] + gz * shares[2, j]
                         residual -= row[j] * step[j]
                     # Cauchy's weights: a line that was mistaken for its neighbour's loses its say.
@@ -170,15 +174,17 @@ def settle(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> tup
                     squares += weight * residual * residual
                     weights += weight
                     count += 1
-                    add_equation(A, b, row, offset, weight)
-        scale = max(0.5, math.sqrt(squares / max(weights, 1.0)))
-        if turn == TURNS or count < 2 * UNKNOWNS:
+                    add_equation(A, b, row, offset, weight, unknowns)
+        before, scale = scale, max(0.5, math.sqrt(squares / max(weights, 1.0)))
+        settled = turn > 1 and abs(scale - before) < SETTLED * before
+        if turn == TURNS or settled or count < 2 * unknowns:
             break
-        for j in range(UNKNOWNS):
-            A[j, j] += PRIOR * (1.0 + A[0, 0])
-        if not solve(A, b, UNKNOWNS):
+        for j in range(unknowns):
+            A[j, j] += surface.line_prior[j]
+            b[j] -= surface.line_prior[j] * surface.unknowns[j]
+        if not solve(A, b, unknowns):
             break
-        step[:] = b
-    for j in range(UNKNOWNS):
+        step[:unknowns] = b[:unknowns]
+    for j in range(unknowns):
         surface.unknowns[j] += step[j]
     return count, scale

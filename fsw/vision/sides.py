@@ -15,6 +15,7 @@ from fsw.vision.rig import distort_point
 from wingbeat.kernels import kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
+SEGMENT_COLUMNS = 6.0  # that a segment should have, before any are left out
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
@@ -48,6 +49,8 @@ def fit_segments(
     length = math.hypot(end[0] - start[0], end[1] - start[1])
     inset = min(0.25 * length, max(3.0 * blur + 1.0, 0.06 * length))
     pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
+    # Short sides have few columns: take more of them.
+    stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
     found, contrast = 0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length

@@ -8,9 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.bridging import (
+    AS_BEFORE,
+    CONFIRMED,
+    MOST_STEPS,
+    SWING_MM,
+    TRIED_CELLS,
+    confirmed,
+    swing,
+    swing_step_mm,
+)
 from fsw.vision.edges import STEP_ROWS, FloatArray, Image, make_scratch, tabulate_step
+from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid, line_ratios
-from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
+from fsw.vision.prediction import FEW, UNKNOWNS, expect, fit_surface, make_normal, make_surface, set_pose
 from fsw.vision.quads import Cells, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.search import look, make_sightings, settle
@@ -27,13 +38,15 @@ ADAPTATION = 0.5  # share of a measured correction of blur and line width that i
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """stride: measure every so many image columns of a side. gate_mm: a centre farther from the surface is no cell.
+    """stride: measure every so many image columns of a long side.
 
-    blur_px: the lens's blur to start from (Gaussian standard deviation, without the pixel).
+    widest: a centre farther from the surface than this part of the smallest pitch is no cell, however much the others
+    scatter: a view that took one row for the next would scatter more. blur_px: the lens's blur to start from
+    (Gaussian standard deviation, without the pixel).
     """
 
     stride: int = 2
-    gate_mm: float = 1.0
+    widest: float = 0.1
     blur_px: float = 0.7
 
 
@@ -62,8 +75,14 @@ class Tracker:
         self.width_scale = np.ones((2, 2))
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
-        self._normal = make_normal()
-        self._work = np.zeros((8, 3))
+        self._normal = make_normal(count)
+        self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
+        self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
+        self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+        self._share = 1.0  # of the lines, by which the last frame confirmed the surface
+        self._swing, self._tried_step = swing(), max(1, count // TRIED_CELLS)
+        self._column = grid.column
+        self._work = np.zeros((max(8, int(grid.column[-1]) + 1), 3))
         self._second = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right-eye")
 
     def _cells(self, eye: int) -> Cells:
@@ -78,6 +97,8 @@ class Tracker:
     def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
         """Expect the wing, flat and at rest, in this pose."""
         set_pose(self.surface, rotation, translation_mm)
+        self._before[:] = 0.0
+        self._share = 1.0
         self.deviation_px[:] = 0.0
 
     def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
@@ -95,16 +116,17 @@ class Tracker:
     def adopt(self, scout: "Tracker") -> None:
         """Take over what another tracker of the same wing has settled: surface, blur, widths of the lines."""
         set_pose(self.surface, scout.surface.rotation, scout.surface.translation_mm)
-        self.surface.unknowns[:] = scout.surface.unknowns
+        self.surface.unknowns[:] = self._before[:] = scout.surface.unknowns
+        self._share = scout._share
         self.blur_px[:] = scout.blur_px
         self.width_scale[:] = scout.width_scale
         self.deviation_px[:] = scout.deviation_px
 
     def measure(self, left: Image, right: Image) -> None:
         """Find all cells near where they are expected in both images."""
-        self._expect()
-        self._both(self._look, left, right)
-        settle(self.surface, self.eyes, self.sightings, self._normal)
+        self._bridge(left, right)
+        # What the few unknowns of the bridge cannot follow, all of them do, now that every line is the right one.
+        self._meet(left, right, 1, UNKNOWNS)
         self._expect()
         self._both(self._measure, left, right)
 
@@ -115,42 +137,57 @@ class Tracker:
         triangulate_cells(
             self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, self._work, self.points
         )
-        gate = self.options.gate_mm
-        _gate_residuals(self.points, reprojection_gate_px, epipolar_gate_px)
-        fit_surface(self.surface, self.points.xyz_mm, self.points.valid, gate, self._normal, self.distance_mm)
-        valid = _gate_points(self.points, self.distance_mm, gate)
+        points = self.points
+        gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
+        gate_mm = fit_surface(
+            self.surface,
+            points.xyz_mm,
+            points.sigma_mm,
+            points.valid,
+            self._widest_mm,
+            self._normal,
+            self.distance_mm,
+        )
+        gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
+        valid = gate_columns(points, self.distance_mm, self._column, self._work)
         expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
         for eye in (0, 1):
-            _deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
+            deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
         return int(valid)
+
+    def discard(self) -> None:
+        """Let no point of this frame stand."""
+        points = self.points
+        points.valid[:] = False
+        points.xyz_mm[:] = points.sigma_mm[:] = np.nan
 
     def detected(self) -> tuple[int, int]:
         """Number of cells found in the left and in the right image."""
-        return _count(self.cells[0].found), _count(self.cells[1].found)
+        return count(self.cells[0].found), count(self.cells[1].found)
 
     def residuals(self) -> tuple[float, float]:
         """Rms reprojection error and rms epipolar distance over the valid points, px; NaN without points."""
         points = self.points
-        return _rms(points.reprojection_px, points.valid), _rms(points.epipolar_px, points.valid)
+        return rms(points.reprojection_px, points.valid), rms(points.epipolar_px, points.valid)
 
     @property
     def expected_count(self) -> int:
         """Number of cells whose centres both eyes should see."""
-        return int(_count(self.wanted))
+        return int(count(self.wanted))
 
     def both_found(self) -> int:
         """Number of cells found in both images."""
         np.logical_and(self.cells[0].found, self.cells[1].found, out=self.both)
-        return int(_count(self.both))
+        return int(count(self.both))
 
     def cell_side_px(self, eye: int) -> float:
         """Mean length of the cells' smaller sides in this eye, as expected; 0 without cells in view."""
-        along_x, along_y = _mean_sides(self.expected_px[eye], self.wanted)
+        along_x, along_y = mean_sides(self.expected_px[eye], self.wanted)
         return float(min(along_x, along_y))
 
     def px_per_mm(self, eye: int) -> float:
         """Mean scale of the cells in view of this eye; 0 without."""
-        along_x, along_y = _mean_sides(self.expected_px[eye], self.wanted)
+        along_x, along_y = mean_sides(self.expected_px[eye], self.wanted)
         size = self.grid.panels[0].cell_mm
         return float(0.5 * (along_x / size[0] + along_y / size[1]))
 
@@ -188,12 +225,57 @@ class Tracker:
         np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
         np.add(self.expected_px, self.deviation_px, out=self.expected_px)
 
-    def _both(self, work: Callable[[int, Image], None], left: Image, right: Image) -> None:
-        other = self._second.submit(work, 1, right)
-        work(0, left)
+    def _bridge(self, left: Image, right: Image) -> None:
+        """Bring the surface to where the lines confirm it, from the place before; unconfirmed, to the best found."""
+        now = self.surface.unknowns
+        self._origin[:] = now
+        enough = max(CONFIRMED, AS_BEFORE * self._share)
+        best = self._try(now, left, right, -1.0)
+        if best < enough:
+            np.multiply(self._origin, 2.0, out=self._trial)
+            np.subtract(self._trial, self._before, out=self._trial)
+            best = self._try(self._trial, left, right, best)
+        if best < enough:
+            now[:] = self._origin
+            self._expect()
+            step_mm = swing_step_mm(self.surface, self.eyes, self.expected_px, self.wanted, self._swing)
+            steps = int(min(SWING_MM / step_mm, MOST_STEPS)) if step_mm > 0.0 else 0
+            for i in range(1, steps + 1):
+                for away_mm in (i * step_mm, -i * step_mm):
+                    np.multiply(self._swing, away_mm, out=self._trial)
+                    np.add(self._trial, self._origin, out=self._trial)
+                    best = self._try(self._trial, left, right, best)
+                if best >= enough:
+                    break
+        self._before[:] = self._origin
+        self._share = best
+        now[:] = self._best
+
+    def _try(self, trial: FloatArray, left: Image, right: Image, best: float) -> float:
+        """Share of the lines that confirm a place of the surface, or the best so far; the better place is kept."""
+        self.surface.unknowns[:] = trial
+        step = self._tried_step
+        self._meet(left, right, step, FEW)
+        self._expect()
+        self._both(self._look, left, right, step)
+        share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
+        if share > best:
+            self._best[:] = self.surface.unknowns
+            return float(share)
+        return best
+
+    def _meet(self, left: Image, right: Image, step: int, unknowns: int) -> None:
+        """Look at every step-th cell's lines, and move so many unknowns of the surface to meet them."""
+        self._expect()
+        self._both(self._look, left, right, step)
+        settle(self.surface, self.eyes, self.sightings, unknowns, self._normal)
+
+    def _both(self, work: Callable[[int, Image, int], None], left: Image, right: Image, step: int = 1) -> None:
+        other = self._second.submit(work, 1, right, step)
+        work(0, left, step)
         other.result()
 
-    def _look(self, eye: int, image: Image) -> None:
+    def _look(self, eye: int, image: Image, step: int) -> None:
         sign = 1.0 if self.grid.dark else -1.0
         look(
             image,
@@ -204,10 +286,11 @@ class Tracker:
             self.line_ratio,
             self.bordering,
             sign,
+            step,
             self.sightings,
         )
 
-    def _measure(self, eye: int, image: Image) -> None:
+    def _measure(self, eye: int, image: Image, step: int) -> None:
         blur = float(self.blur_px[eye])
         tabulate_step(blur, self._steps[eye])
         whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
@@ -221,7 +304,7 @@ class Tracker:
             self.bordering,
             self.width_scale[eye],
             self.grid.dark,
-            self.options.stride,
+            step * self.options.stride,
             self._scratch[eye],
             self.cells[eye],
         )
@@ -238,71 +321,3 @@ def _adapt(pooled: FloatArray, blur_px: FloatArray, width_scale: FloatArray, eye
         if pooled[1 + i, 1] > 0.0:
             width = width_scale[eye, i] + ADAPTATION * pooled[1 + i, 0] / pooled[1 + i, 1]
             width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
-
-
-@kernel
-def _count(mask: NDArray[np.bool_]) -> int:
-    """How many are set; np.count_nonzero would make a temporary of some masks."""
-    count = 0
-    for n in range(mask.shape[0]):
-        count += mask[n]
-    return count
-
-
-@kernel
-def _mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float, float]:
-    """Mean length of the sides along X and along Y of the wanted cells; 0 without any."""
-    along_x, along_y, count = 0.0, 0.0, 0
-    for n in range(wanted.shape[0]):
-        if wanted[n]:
-            c = corners_px[n]
-            along_x += math.hypot(c[1, 0] - c[0, 0], c[1, 1] - c[0, 1])
-            along_y += math.hypot(c[3, 0] - c[0, 0], c[3, 1] - c[0, 1])
-            count += 1
-    return along_x / max(count, 1), along_y / max(count, 1)
-
-
-@kernel
-def _rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
-    squares, count = 0.0, 0
-    for n in range(values.shape[0]):
-        if valid[n]:
-            squares += values[n] * values[n]
-            count += 1
-    return math.sqrt(squares / count) if count else math.nan
-
-
-@kernel
-def _gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -> None:
-    """Take validity from points that the two eyes do not agree on."""
-    for n in range(points.valid.shape[0]):
-        if points.valid[n]:
-            near = points.reprojection_px[n] <= reprojection_px and abs(points.epipolar_px[n]) <= epipolar_px
-            points.valid[n] = near
-
-
-@kernel
-def _gate_points(points: Points, distance_mm: FloatArray, gate_mm: float) -> int:
-    """Take validity from points off the surface, and the values of all that are not valid; returns how many stay."""
-    count = 0
-    for n in range(points.valid.shape[0]):
-        if points.valid[n] and distance_mm[n] <= gate_mm:
-            count += 1
-        else:
-            points.valid[n] = False
-            points.xyz_mm[n] = np.nan
-            points.sigma_mm[n] = np.nan
-    return count
-
-
-@kernel
-def _deviate(cells: Cells, expected_px: FloatArray, valid: NDArray[np.bool_], out_px: FloatArray) -> None:
-    """What each whole cell's corners deviate from the surface by.
-
-    Zero for the others: a side that stood in for a hidden one would confirm itself from tick to tick and drift away.
-    """
-    for n in range(valid.shape[0]):
-        if valid[n] and cells.whole[n]:
-            out_px[n] = cells.corners_px[n] - expected_px[n]
-        else:
-            out_px[n] = 0.0
