@@ -33,7 +33,8 @@ PIXEL_VARIANCE = 1.0 / 12.0  # of the average over one pixel: what the sensor ad
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
 REPLACED_VARIANCE_PX2 = 0.35**2  # of the mean of boundary pixels (Eq. 12), as measured against truth
-ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over at once
+ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
+START_PASSES = 3  # measurements that a start takes to settle them, corrections taken over whole
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Tracker:
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
         self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+        self._adaptation = ADAPTATION
         self._share = 1.0  # of the lines, by which the last frame confirmed the surface
         self._swing, self._tried_step = swing(), max(1, count // TRIED_CELLS)
         self._column = grid.column
@@ -107,10 +109,12 @@ class Tracker:
         self.blur_px[:] = self.options.blur_px
         self.width_scale[:] = 1.0
         found = 0
-        for _ in range(4):
+        self._adaptation = 1.0
+        for _ in range(START_PASSES):
             self.measure(left, right)
             self.both_found()
             found = self.reconstruct(self.both)
+        self._adaptation = ADAPTATION
         return found
 
     def adopt(self, scout: "Tracker") -> None:
@@ -308,16 +312,16 @@ class Tracker:
             self._scratch[eye],
             self.cells[eye],
         )
-        _adapt(self._scratch[eye].pooled, self.blur_px, self.width_scale, eye)
+        _adapt(self._scratch[eye].pooled, self._adaptation, self.blur_px, self.width_scale, eye)
 
 
 @kernel
-def _adapt(pooled: FloatArray, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
+def _adapt(pooled: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
     """Take over part of the corrections that all edges of one eye agree on."""
     if pooled[0, 1] > 0.0:
-        blur = blur_px[eye] + ADAPTATION * pooled[0, 0] / pooled[0, 1]
+        blur = blur_px[eye] + share * pooled[0, 0] / pooled[0, 1]
         blur_px[eye] = min(max(blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
     for i in range(2):
         if pooled[1 + i, 1] > 0.0:
-            width = width_scale[eye, i] + ADAPTATION * pooled[1 + i, 0] / pooled[1 + i, 1]
+            width = width_scale[eye, i] + share * pooled[1 + i, 0] / pooled[1 + i, 1]
             width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
