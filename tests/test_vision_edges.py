@@ -370,12 +370,9 @@ def test_the_covariance_tells_the_scatter_of_the_corners_mean(
     assert ((ratio > 0.8) & (ratio < 2.0)).all(), ratio
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the slopes of long sides move the diagonals' crossing: it scatters 2 to 3 times as much"
-)
-def test_the_covariance_tells_the_scatter_of_the_diagonals_crossing(
+def test_the_covariance_tells_the_scatter_of_the_centre(
     scatter: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     _, centres, told = scatter
     ratio = told[:, [0, 2]].mean(axis=0) / centres.var(axis=0, ddof=1).mean(axis=0)
-    assert ((ratio > 0.8) & (ratio < 1.6)).all(), ratio
+    assert ((ratio > 0.8) & (ratio < 2.0)).all(), ratio

@@ -165,7 +165,6 @@ def test_what_is_degenerate_is_not_valid_and_nothing_crashes() -> None:
     assert np.isfinite(points.xyz_mm[4:]).all()
 
 
-@pytest.mark.xfail(strict=True, reason="triangulation does not ask on which side of the eyes its point lies")
 @pytest.mark.parametrize("disparity_px", [0.0, -20.0])
 def test_rays_that_do_not_meet_before_the_eyes_give_no_valid_point(disparity_px: float) -> None:
     rig = paper_rig()

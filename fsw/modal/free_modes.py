@@ -7,9 +7,9 @@ from fsw.modal.candidates import Correlation
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates
 from fsw.modal.decay import Decay, convincing, find_decay, onset
-from fsw.modal.gates import LEAST_DECAY, common_flags, decay_flags, varies, weak_flags
+from fsw.modal.gates import LEAST_DECAY, common_flags, decay_flags, departs, varies, weak_flags
 from fsw.modal.result import Mode, Options
-from fsw.modal.uncertainty import direction, fit_coherence, frequency_change, modal_sigmas, noise_beside
+from fsw.modal.uncertainty import departure, direction, fit_coherence, frequency_change, modal_sigmas, noise_beside
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -81,6 +81,8 @@ def _flags(
     flags += weak_flags(j, list(frequency_hz), list(sigmas[:, 0]), list(amplitude))
     if varies(*frequency_change(time_s, decay.fit, j), f):
         flags.append("time_varying")
+    if departs(*departure(time_s, decay.fit, j)):
+        flags.append("not_exponential")
     return flags
 
 

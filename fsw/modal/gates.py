@@ -12,6 +12,9 @@ LARGEST_DAMPING = 0.2
 # Share of energy about the frequency that the mode must explain, and least amplitude coherence of its pole.
 LEAST_FIT_COHERENCE = 0.9
 LEAST_AMPLITUDE_COHERENCE = 0.8
+# What any stretch of a decay may leave unexplained, as a share of the mode's amplitude at the start.
+LARGEST_DEPARTURE = 0.05
+DEPARTURE_DEVIATIONS = 3.5
 # A line whose amplitude falls by less than this share over the record may as well be forced.
 LEAST_DECAY = 0.05
 # Damping must stand so many deviations above zero, and both intervals must be this narrow.
@@ -75,6 +78,11 @@ def decay_flags(
     if fit_coherence < LEAST_FIT_COHERENCE:
         flags.append("not_exponential")
     return flags
+
+
+def departs(share: float, deviations: float) -> bool:
+    """Whether a stretch of the record is too far from the fitted decay, by more than noise can feign."""
+    return share > LARGEST_DEPARTURE and deviations > DEPARTURE_DEVIATIONS
 
 
 def ambient_flags(

@@ -55,13 +55,21 @@ def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> Floa
     return h[index].transpose(0, 2, 1, 3).reshape(rows * p, columns * m)
 
 
+def _svd(H: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Thin singular value decomposition: by divide and conquer, or by the slower QR iteration where that gives up."""
+    try:
+        return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesdd")
+    except np.linalg.LinAlgError:
+        return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesvd")
+
+
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     """Balanced realisation of a series by the eigensystem realisation algorithm.
 
     h (K, p, m) with K >= rows + columns. The order is cut to the numerical rank of H(0). Source: Eq. 34-36.
     """
     _, p, m = h.shape
-    U, s, Vt = scipy.linalg.svd(block_hankel(h, rows, columns), full_matrices=False, lapack_driver="gesdd")
+    U, s, Vt = _svd(block_hankel(h, rows, columns))
     rank = int(np.count_nonzero(s > s[0] * 1e-13)) if s[0] > 0.0 else 0
     n = min(order, rank)
     root = np.sqrt(s[:n])

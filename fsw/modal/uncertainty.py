@@ -14,6 +14,9 @@ _BESIDE = np.concatenate([np.arange(-11.0, -1.0), np.arange(2.0, 12.0)])
 # The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
 # so many.
 _PRIOR_SAMPLES = 10.0
+# A record is looked at in at most so many stretches, of one period or more, of at least so many samples.
+_STRETCHES = 24
+_LEAST_IN_STRETCH = 4
 
 
 def pole_to_modal(s: complex) -> FloatArray:
@@ -93,6 +96,28 @@ def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
     model = np.sum(np.abs(waves @ (wave.real * X[0] + wave.imag * X[1])) ** 2)
     rest = np.sum(np.abs(waves @ (fit.residual @ along)) ** 2)
     return float(model / (model + rest)) if model > 0.0 else 0.0
+
+
+def departure(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
+    """The largest oscillation at a mode's frequency that the fit leaves in any one stretch of the record.
+
+    As a share of the mode's amplitude at the start, and in standard deviations of white noise of unit variance. A wing
+    that is stopped, struck or held inside the record leaves its mark in one stretch, where an average would hide it.
+    """
+    along = direction(fit, mode)
+    s = complex(fit.poles[mode])
+    amplitude = float(np.hypot(*(fit.coefficients[2 * mode : 2 * mode + 2] @ along)))
+    turned = (fit.residual @ along) * np.exp(-1j * s.imag * time_s)
+    length_s = max(2.0 * np.pi / s.imag, float(time_s[-1]) / _STRETCHES)
+    stretch = np.floor((time_s - time_s[0]) / length_s).astype(np.int64)
+    samples = np.bincount(stretch)
+    sums = np.bincount(stretch, turned.real) + 1j * np.bincount(stretch, turned.imag)
+    enough = samples >= _LEAST_IN_STRETCH
+    if amplitude <= 0.0 or not enough.any():
+        return 0.0, 0.0
+    left = 2.0 * np.abs(sums[enough]) / samples[enough]
+    worst = int(np.argmax(left))
+    return float(left[worst]) / amplitude, float(left[worst]) * float(np.sqrt(samples[enough][worst])) / 2.0
 
 
 def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:

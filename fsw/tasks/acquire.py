@@ -1,5 +1,7 @@
 """acquire: take the pair of this trigger from both cameras, and let only good pairs go on."""
 
+import numpy as np
+
 from fault.modes import Cause
 from fsw.memory.pool import FramePool
 from fsw.tasks.state import State
@@ -8,12 +10,15 @@ from telemetry.declaration import Event, Point
 from telemetry.dictionary import DROPS_CORRUPT, DROPS_MISSING, DROPS_SKEW, DROPS_STUCK
 from telemetry.events import FRAME_CORRUPT, FRAME_MISSING, FRAME_SKEW, FRAME_STUCK
 
+SAMPLE_STEP = 16  # every so many pixels, both ways, are compared with the frame before
+
 
 class Acquire:
     """Leases two frames, fills them, gives them back at the next tick.
 
     A pair is dropped, by the first cause that holds: a frame is missing, corrupt, of another exposure than its
-    partner (trigger or time), or the same frame as before. Each cause has its counter and its event.
+    partner (trigger or time), or the same frame as before, by its number or by every pixel of a sparse sample: noise
+    makes no two images alike. Each cause has its counter and its event.
     """
 
     name = "acquire"
@@ -27,6 +32,8 @@ class Acquire:
         self._last = [-1, -1]  # the frames that went before, by their cameras' count
         self._gone = 0  # ticks in a row without a usable pair
         self._leased = False
+        shapes = [pair[::SAMPLE_STEP, ::SAMPLE_STEP] for pair in (state.pair.left, state.pair.right)]
+        self._samples = [(np.zeros_like(s), np.zeros_like(s), np.zeros(s.shape, np.bool_)) for s in shapes]
 
     def init(self) -> None:
         """All counters start at 0."""
@@ -66,10 +73,20 @@ class Acquire:
         if stamps[0].trigger != stamps[1].trigger or abs(skew_ns) > self._skew_limit_ns:
             return self._drop(DROPS_SKEW, FRAME_SKEW, skew_ns / 1000.0, self._skew_limit_ns / 1000.0)
         for eye, stamp in enumerate(stamps):
-            if stamp.frame == self._last[eye]:
+            repeated = self._repeats(eye)
+            if stamp.frame == self._last[eye] or repeated:
                 return self._drop(DROPS_STUCK, FRAME_STUCK, eye)
         self._last[0], self._last[1] = stamps[0].frame, stamps[1].frame
         return True
+
+    def _repeats(self, eye: int) -> bool:
+        """Whether the sample of this frame is that of the frame before; keeps it for the next."""
+        image = self._state.pair.left if eye == 0 else self._state.pair.right
+        now, before, same = self._samples[eye]
+        np.copyto(now, image[::SAMPLE_STEP, ::SAMPLE_STEP])
+        np.equal(now, before, out=same)
+        np.copyto(before, now)
+        return bool(same.all())
 
     def _drop(self, counter: Point, event: Event, *arguments: float) -> bool:
         self._state.board.add(counter)

@@ -24,6 +24,7 @@ class Reconstruct:
     def init(self) -> None:
         """The kernels run once, so that no tick compiles anything."""
         self._state.tracker.reconstruct(np.zeros(self._state.tracker.grid.count, np.bool_))
+        self._state.tracker.residuals()
 
     def run(self, tick: int, time_ns: int) -> None:
         """Points of this tick's pair, or NaN."""

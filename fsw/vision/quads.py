@@ -15,6 +15,8 @@ WINDOW_PX = 2.0  # ... and this much of the plateau beyond
 RECENTRE_PX = 0.35  # a side found farther off than this is measured again round where it was found
 RECENTRES = 3
 SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share; what stands in for a hidden side is no better
+BLUR_RANGE_PX = (0.15, 4.0)
+WIDTH_RANGE = (0.7, 1.4)
 FLOOR_PX = 0.003  # no side is known better than this: quantisation, lens and model, as one standard deviation
 
 
@@ -162,7 +164,7 @@ def _corners_and_centre(
     n: int,
     out: Cells,
 ) -> None:
-    """Corners as crossings of neighbouring sides, centre as crossing of the diagonals, and the centre's covariance."""
+    """Corners as crossings of neighbouring sides, the projection of the cell's centre, and its covariance."""
     corners = out.corners_px[n]
     vxx, vxy, vyy = 0.0, 0.0, 0.0
     for k in range(4):
@@ -197,7 +199,22 @@ def _corners_and_centre(
         vxy += variance[k] * gx * gy
         vyy += variance[k] * gy * gy
     out.covariance_px2[n, 0], out.covariance_px2[n, 1], out.covariance_px2[n, 2] = vxx, vxy, vyy
-    dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
-    fx, fy = corners[3, 0] - corners[1, 0], corners[3, 1] - corners[1, 1]
-    t = ((corners[1, 0] - corners[0, 0]) * fy - (corners[1, 1] - corners[0, 1]) * fx) / (dx * fy - dy * fx)
-    out.centre_px[n, 0], out.centre_px[n, 1] = corners[0, 0] + t * dx, corners[0, 1] + t * dy
+    # The crossing of the diagonals is the centre, but it swings with the slopes of the long sides. Perspective moves it
+    # off the corners' mean by a small amount that the expected shape knows well enough.
+    dx, dy = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1]
+    fx, fy = c[3, 0] - c[1, 0], c[3, 1] - c[1, 1]
+    t = ((c[1, 0] - c[0, 0]) * fy - (c[1, 1] - c[0, 1]) * fx) / (dx * fy - dy * fx)
+    out.centre_px[n, 0] = c[0, 0] + t * dx + 0.25 * (corners[:, 0].sum() - c[:, 0].sum())
+    out.centre_px[n, 1] = c[0, 1] + t * dy + 0.25 * (corners[:, 1].sum() - c[:, 1].sum())
+
+
+@kernel
+def adapt(pooled: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
+    """Take over part of the corrections that all edges of one eye agree on."""
+    if pooled[0, 1] > 0.0:
+        blur = blur_px[eye] + share * pooled[0, 0] / pooled[0, 1]
+        blur_px[eye] = min(max(blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
+    for i in range(2):
+        if pooled[1 + i, 1] > 0.0:
+            width = width_scale[eye, i] + share * pooled[1 + i, 0] / pooled[1 + i, 1]
+            width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])

@@ -12,6 +12,8 @@ from wingbeat.kernels import kernel
 
 BoolArray = NDArray[np.bool_]
 
+FARTHEST_MM = 1e5  # a wing is not so far away: rays that are all but parallel meet nowhere
+
 _STEPS = 3  # Gauss-Newton steps from the linear start; the problem is nearly linear
 
 
@@ -162,4 +164,5 @@ def triangulate_cells(
         lb = F[1, 0] * u + F[1, 1] * v + F[1, 2]
         lc = F[2, 0] * u + F[2, 1] * v + F[2, 2]
         out.epipolar_px[n] = (la * x + lb * y + lc) / math.hypot(la, lb)
-        out.valid[n] = math.isfinite(out.sigma_mm[n])
+        depth = min(project(P[0], xyz[0], xyz[1], xyz[2])[2], project(P[1], xyz[0], xyz[1], xyz[2])[2])
+        out.valid[n] = math.isfinite(out.sigma_mm[n]) and 0.0 < depth < FARTHEST_MM

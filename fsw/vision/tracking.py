@@ -22,17 +22,13 @@ from fsw.vision.edges import STEP_ROWS, FloatArray, Image, make_scratch, tabulat
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid, line_ratios
 from fsw.vision.prediction import FEW, UNKNOWNS, expect, fit_surface, make_normal, make_surface, set_pose
-from fsw.vision.quads import Cells, make_cells, measure_cells
+from fsw.vision.quads import Cells, adapt, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.search import look, make_sightings, settle
 from fsw.vision.sides import Lens
 from fsw.vision.stereo import Points, make_points, triangulate_cells
-from wingbeat.kernels import kernel
 
 PIXEL_VARIANCE = 1.0 / 12.0  # of the average over one pixel: what the sensor adds to the lens's blur
-BLUR_RANGE_PX = (0.15, 4.0)
-WIDTH_RANGE = (0.7, 1.4)
-REPLACED_VARIANCE_PX2 = 0.35**2  # of the mean of boundary pixels (Eq. 12), as measured against truth
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
 START_PASSES = 3  # measurements that a start takes to settle them, corrections taken over whole
 
@@ -195,31 +191,6 @@ class Tracker:
         size = self.grid.panels[0].cell_mm
         return float(0.5 * (along_x / size[0] + along_y / size[1]))
 
-    def cell_area_px(self, eye: int) -> tuple[float, float]:
-        """Smallest and largest area of a cell in view of this eye, with a margin, in square pixels."""
-        c = self.expected_px[eye][self.wanted]
-        if len(c) == 0:
-            return 0.0, 0.0
-        d, e = c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]
-        area = 0.5 * np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
-        return 0.6 * float(area.min()), 1.4 * float(area.max())
-
-    def replace_centres(self, eye: int, image_px: FloatArray) -> None:
-        """Take another method's centres (K, 2), in image pixels, in place of the fitted ones; other cells are lost."""
-        cells = self.cells[eye]
-        cells.found[:] = cells.whole[:] = False
-        if len(image_px) == 0:
-            return
-        ideal = self.rig.undistort(eye, image_px)
-        reach = np.linalg.norm(self.expected_px[eye][:, 1:3] - self.expected_px[eye][:, [0]], axis=2).min(axis=1)
-        for n in np.flatnonzero(self.wanted):
-            distance = np.linalg.norm(ideal - self.expected_centre_px[eye, n], axis=1)
-            nearest = int(np.argmin(distance))
-            if distance[nearest] < 0.4 * reach[n]:
-                cells.centre_px[n] = cells.corners_px[n] = ideal[nearest]
-                cells.covariance_px2[n] = REPLACED_VARIANCE_PX2, 0.0, REPLACED_VARIANCE_PX2
-                cells.found[n] = True
-
     def close(self) -> None:
         """End the thread of the right eye."""
         self._second.shutdown()
@@ -312,16 +283,4 @@ class Tracker:
             self._scratch[eye],
             self.cells[eye],
         )
-        _adapt(self._scratch[eye].pooled, self._adaptation, self.blur_px, self.width_scale, eye)
-
-
-@kernel
-def _adapt(pooled: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
-    """Take over part of the corrections that all edges of one eye agree on."""
-    if pooled[0, 1] > 0.0:
-        blur = blur_px[eye] + share * pooled[0, 0] / pooled[0, 1]
-        blur_px[eye] = min(max(blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
-    for i in range(2):
-        if pooled[1 + i, 1] > 0.0:
-            width = width_scale[eye, i] + share * pooled[1 + i, 0] / pooled[1 + i, 1]
-            width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
+        adapt(self._scratch[eye].pooled, self._adaptation, self.blur_px, self.width_scale, eye)
