@@ -170,3 +170,13 @@ def test_the_mcap_reader_reads_the_recording_and_agrees_with_modes_json(small_ru
         for point in SENT:
             assert math.isclose(slots[slot][point.name], float(mode[point.name]), rel_tol=0, abs_tol=point.scale)
     assert sum(topic == "/points" for topic, _, _ in records) == 120 - LOCK
+
+
+def test_the_papers_own_centres_can_be_chosen_and_are_worse(small_run: Path, tmp_path: Path) -> None:
+    tables = tmp_path / "paper.toml"
+    tables.write_text('[vision]\nmethod = "paper"\n')
+    wingbeat("sil", "small", "--duration", "4", "--tables", tables, "--out", tmp_path / "paper")
+    printed = json.loads((tmp_path / "paper" / "summary.json").read_text())["against_truth"]
+    fitted = json.loads((small_run / "summary.json").read_text())["against_truth"]
+    assert printed["cells"] > 200
+    assert 10.0 * fitted["displacement_rms_mm"] < printed["displacement_rms_mm"] < 0.5

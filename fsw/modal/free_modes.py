@@ -7,7 +7,19 @@ from fsw.modal.candidates import Correlation
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates
 from fsw.modal.decay import Decay, convincing, find_decay, onset
-from fsw.modal.gates import LEAST_DECAY, common_flags, decay_flags, departs, varies, weak_flags
+from fsw.modal.gates import (
+    EARLY_CYCLES,
+    EARLY_SAMPLES,
+    EARLY_SHARE,
+    LEAST_DECAY,
+    common_flags,
+    decay_flags,
+    departs,
+    differs,
+    varies,
+    weak_flags,
+)
+from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options
 from fsw.modal.uncertainty import departure, direction, fit_coherence, frequency_change, modal_sigmas, noise_beside
 
@@ -31,6 +43,7 @@ def identify_decay(
     noise = np.array([noise_beside(time_s, fit.residual, direction(fit, j), frequency_hz[j]) for j in range(count)])
     sigmas = modal_sigmas(fit.poles, fit.information, noise)
     coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
+    agrees = early_part_agrees(time_s, coordinates.signals[start:], fit, options.drift_degree)
     shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
     amplitude = np.max(np.abs(shapes), axis=1, initial=0.0)
     modes = []
@@ -38,6 +51,8 @@ def identify_decay(
         flags = _flags(j, time_s, decay, frequency_hz, damping, sigmas, coherence, amplitude, coordinates.rate_hz)
         if amplitude[j] < options.minimum_amplitude:
             flags.append("weak")
+        if not agrees[j]:
+            flags.append("not_exponential")
         steady = "time_varying" not in flags
         modes.append(
             Mode(
@@ -56,6 +71,29 @@ def identify_decay(
     falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
     signals = coordinates.signals[start:]
     return modes, decay.diagram, convincing(time_s, signals, fit, options.drift_degree, coherence, falling)
+
+
+def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_degree: int) -> NDArray[np.bool_]:
+    """Whether each mode (m,) is the same in the first part of the record as in the whole of it.
+
+    A wing that is stopped, struck or held inside the record has a fine decay before, and a compromise as a whole: the
+    fit's own residual would only call it noisy. Modes that the first part is too short for are not judged.
+    """
+    agrees = np.ones(len(fit.poles), np.bool_)
+    part = int(EARLY_SHARE * len(time_s))
+    if part < EARLY_SAMPLES or part <= 2 * (2 * len(fit.poles) + drift_degree + 1):
+        return agrees
+    early = refine(time_s[:part], signals[:part], fit.poles, drift_degree)
+    frequency_hz, damping = np.abs(early.poles) / (2.0 * np.pi), -early.poles.real / np.abs(early.poles)
+    noise = [noise_beside(time_s[:part], early.residual, direction(early, j), f) for j, f in enumerate(frequency_hz)]
+    sigmas = modal_sigmas(early.poles, early.information, np.array(noise))
+    off_hz = np.abs(frequency_hz - np.abs(fit.poles) / (2.0 * np.pi))
+    off_damping = np.abs(damping + fit.poles.real / np.abs(fit.poles))
+    for j, f in enumerate(frequency_hz):
+        if f * time_s[part - 1] >= EARLY_CYCLES:
+            off, sigma = (float(off_hz[j]), float(off_damping[j])), (float(sigmas[j, 0]), float(sigmas[j, 1]))
+            agrees[j] = not differs(off, sigma, float(f), float(damping[j]))
+    return agrees
 
 
 def total_decay(s: complex, time_s: FloatArray) -> float:

@@ -15,6 +15,14 @@ LEAST_AMPLITUDE_COHERENCE = 0.8
 # What any stretch of a decay may leave unexplained, as a share of the mode's amplitude at the start.
 LARGEST_DEPARTURE = 0.05
 DEPARTURE_DEVIATIONS = 3.5
+# The first part of a decay, fitted alone, must say what the whole says: so large a part, of at least so many samples
+# and cycles; differences below these shares do not matter.
+EARLY_SHARE = 0.6
+EARLY_SAMPLES = 24
+EARLY_CYCLES = 1.5
+EARLY_FREQUENCY = 0.002
+EARLY_DAMPING = 0.1
+EARLY_DEVIATIONS = 5.0
 # A line whose amplitude falls by less than this share over the record may as well be forced.
 LEAST_DECAY = 0.05
 # Damping must stand so many deviations above zero, and both intervals must be this narrow.
@@ -78,6 +86,13 @@ def decay_flags(
     if fit_coherence < LEAST_FIT_COHERENCE:
         flags.append("not_exponential")
     return flags
+
+
+def differs(off: tuple[float, float], sigma: tuple[float, float], frequency_hz: float, damping_ratio: float) -> bool:
+    """Whether two estimates of frequency and damping differ by more than matters and more than noise can feign."""
+    frequency = off[0] > max(EARLY_FREQUENCY * frequency_hz, EARLY_DEVIATIONS * sigma[0])
+    damping = off[1] > max(EARLY_DAMPING * abs(damping_ratio), EARLY_DEVIATIONS * sigma[1])
+    return frequency or damping
 
 
 def departs(share: float, deviations: float) -> bool:

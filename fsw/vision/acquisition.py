@@ -1,7 +1,9 @@
 """ACQUIRE: find the grid in an image pair without any history, and name every cell, or say why not."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -56,24 +58,15 @@ def acquire(
     """
     options = options or AcquireOptions()
     table = tables(grid)
-    eyes: list[EyeCells] = []
-    names: list[list[Labelling]] = []
-    dropped = 10**6
-    for eye, image in enumerate((left, right)):
-        which = ("left", "right")[eye]
-        bound = _bound(rig, eye, grid, prior, options)
-        found = _detect(image, rig, eye, grid, prior, options, bound)
-        if found is None:
-            return _failed(grid, f"no part of the wing is in the {which} eye's view at the nominal pose")
-        lattices = _lattices(found.corners_mm, table, grid)
-        if not lattices or len(lattices[0].member) < options.min_cells:
-            return _failed(grid, f"too few cells in the {which} eye: {len(found.corners_mm)} found")
-        labels, least = labellings(found.corners_mm, lattices, table, grid, bound)
-        if not labels:
-            return _failed(grid, f"the {which} eye's cells fit nowhere on the wing within the pose's tolerance")
-        eyes.append(found)
-        names.append(labels)
-        dropped = min(dropped, least)
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="right-eye") as beside:
+        other = beside.submit(_name, right, rig, 1, grid, prior, options, table)
+        sights = (_name(left, rig, 0, grid, prior, options, table), other.result())
+    for sight in sights:
+        if isinstance(sight, str):
+            return _failed(grid, sight)
+    eyes = [sight.found for sight in sights if not isinstance(sight, str)]
+    names = [sight.names for sight in sights if not isinstance(sight, str)]
+    dropped = min(sight.dropped for sight in sights if not isinstance(sight, str))
     agreed = agreeing(eyes, names, rig, grid, prior, options)
     pairs = [p for p in agreed if p.within]
     if not pairs:
@@ -90,6 +83,38 @@ def acquire(
     if sum(n.contradicted for n in best.names) > options.max_contradicted * named:
         return _failed(grid, "too many cells contradict the best assignment", score)
     return _accepted(eyes, best, grid, score)
+
+
+class _Sight(NamedTuple):
+    """What one eye says: its cells, the ways to name them, and what the best of the names left out would have cost."""
+
+    found: EyeCells
+    names: list[Labelling]
+    dropped: int
+
+
+def _name(
+    image: Image,
+    rig: StereoRig,
+    eye: int,
+    grid: CellGrid,
+    prior: Prior,
+    options: AcquireOptions,
+    table: list[Table],
+) -> _Sight | str:
+    """Find one eye's cells and all ways to name them, or say why there are none."""
+    which = ("left", "right")[eye]
+    bound = _bound(rig, eye, grid, prior, options)
+    found = _detect(image, rig, eye, grid, prior, options, bound)
+    if found is None:
+        return f"no part of the wing is in the {which} eye's view at the nominal pose"
+    lattices = _lattices(found.corners_mm, table, grid)
+    if not lattices or len(lattices[0].member) < options.min_cells:
+        return f"too few cells in the {which} eye: {len(found.corners_mm)} found"
+    names, dropped = labellings(found.corners_mm, lattices, table, grid, bound)
+    if not names:
+        return f"the {which} eye's cells fit nowhere on the wing within the pose's tolerance"
+    return _Sight(found, names, dropped)
 
 
 def _bound(rig: StereoRig, eye: int, grid: CellGrid, prior: Prior, options: AcquireOptions) -> FloatArray:

@@ -30,7 +30,7 @@ from fsw.vision.stereo import Points, make_points, triangulate_cells
 
 PIXEL_VARIANCE = 1.0 / 12.0  # of the average over one pixel: what the sensor adds to the lens's blur
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
-START_PASSES = 3  # measurements that a start takes to settle them, corrections taken over whole
+START_PASSES = 2  # measurements that a start takes to settle them, corrections taken over whole
 
 
 @dataclass(frozen=True)
