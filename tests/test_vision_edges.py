@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
+from fsw.vision.blur import STEP_PER_PX, STEP_REACH_PX, STEP_ROWS, tabulate_step
 from fsw.vision.edges import (
     BIN_PX,
     BINS,
-    STEP_PER_PX,
-    STEP_REACH_PX,
-    STEP_ROWS,
     WIDTH_ALONG_X,
     EdgeFit,
     Scratch,
@@ -23,7 +21,6 @@ from fsw.vision.edges import (
     gather,
     make_scratch,
     solve,
-    tabulate_step,
 )
 from fsw.vision.quads import Cells, make_cells, measure_cells
 from fsw.vision.sides import Lens

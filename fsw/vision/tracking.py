@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.blur import STEP_ROWS, tabulate_step
 from fsw.vision.bridging import (
     AS_BEFORE,
     CONFIRMED,
@@ -18,7 +19,7 @@ from fsw.vision.bridging import (
     swing,
     swing_step_mm,
 )
-from fsw.vision.edges import STEP_ROWS, FloatArray, Image, make_scratch, tabulate_step
+from fsw.vision.edges import FloatArray, Image, make_scratch
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid, line_ratios
 from fsw.vision.prediction import FEW, UNKNOWNS, expect, fit_surface, make_normal, make_surface, set_pose
