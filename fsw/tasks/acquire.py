@@ -33,7 +33,7 @@ class Acquire:
         self._gone = 0  # ticks in a row without a usable pair
         self._leased = False
         shapes = [pair[::SAMPLE_STEP, ::SAMPLE_STEP] for pair in (state.pair.left, state.pair.right)]
-        self._samples = [(np.zeros_like(s), np.zeros_like(s), np.zeros(s.shape, np.bool_)) for s in shapes]
+        self._samples = [(np.zeros_like(s), np.zeros(s.shape, np.bool_)) for s in shapes]
 
     def init(self) -> None:
         """All counters start at 0."""
@@ -82,8 +82,8 @@ class Acquire:
     def _repeats(self, eye: int) -> bool:
         """Whether the sample of this frame is that of the frame before; keeps it for the next."""
         image = self._state.pair.left if eye == 0 else self._state.pair.right
-        now, before, same = self._samples[eye]
-        np.copyto(now, image[::SAMPLE_STEP, ::SAMPLE_STEP])
+        now = image[::SAMPLE_STEP, ::SAMPLE_STEP]
+        before, same = self._samples[eye]
         np.equal(now, before, out=same)
         np.copyto(before, now)
         return bool(same.all())

@@ -111,7 +111,7 @@ class Identify:
             state.raise_event(IDENTIFICATION_FAILED, self._samples)
         if self._result is None:
             return
-        state.estimate = Estimate(self._result, self._cells, self._tick, self._taken_ns, self._samples)
+        state.estimate = Estimate(self._result, self._cells, self._tick, self._taken_ns)
         state.new_estimate = True
         show(state, state.estimate)
 

@@ -38,7 +38,6 @@ class Estimate:
     cells: NDArray[np.int64]
     tick: int
     time_ns: int
-    samples: int
 
 
 @dataclass
