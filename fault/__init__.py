@@ -1,1 +1,1 @@
-"""Fault protection: limits, persistence, modes. Sees telemetry points only."""
+"""Fault protection: failures, limits, modes, validity. Sees telemetry points only."""

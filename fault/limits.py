@@ -1,10 +1,13 @@
 """Limits on telemetry points: plain state in, plain state out.
 
-A value beyond red or yellow trips after `set_after` samples in a row, and clears after `clear_after` samples in a
-row that lie inside by the hysteresis. NaN is a violation. A sample that is stale or does not apply counts for
-nothing: it neither sets nor clears, and it breaks no row.
+A bad sample lies beyond a threshold, or is NaN; every other one is good. Yellow and red trip apart, each by a leaky
+count, its debt: a bad sample adds `forgive` and a good one takes 1 away. It trips at `set_after` times `forgive`: after
+`set_after` bad samples in a row, and also when more than one sample in `forgive` + 1 is bad for long, so that a fault
+that comes and goes is found. What tripped clears after `clear_after` good samples in a row, inside by the hysteresis.
+A sample that is stale or does not apply counts for nothing: it sets nothing, clears nothing and forgives nothing.
 """
 
+from collections.abc import Sequence
 from enum import IntEnum
 from math import inf, isnan
 from typing import Annotated, Literal, NamedTuple
@@ -13,7 +16,8 @@ from msgspec import Meta, Struct
 
 from telemetry.dictionary import POINT_BY_NAME, ModeFlag
 
-Samples = Annotated[int, Meta(ge=1, le=10_000, description="number of samples in a row")]
+Number = Annotated[int, Meta(ge=1, le=999, description="its number, by which commands address it")]
+Samples = Annotated[int, Meta(ge=1, le=10_000, description="number of samples")]
 Name = Annotated[str, Meta(min_length=1, max_length=40)]
 
 
@@ -25,35 +29,42 @@ class Level(IntEnum):
     RED = 2
 
 
-class Limit(Struct, frozen=True, forbid_unknown_fields=True):
+class Limit(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One row of the limit table.
 
-    point: name in the dictionary; a point of several slots is watched slot by slot. per: when there is a new
-    sample: each tick, each measured frame, or each estimate. requires: points that must be known and not 0 for
-    the limit to apply (of the same slot, where they have slots). response: of a red limit: only report it,
-    invalidate the mode of this slot (all modes, for a point without slots), or degrade the flight mode too.
-    flag: name of the ModeFlag that tells the controller why.
+    number: no other row of the table has it. point: name in the dictionary; a point of several slots is watched slot
+    by slot. per: when there is a new sample: each tick, each measured frame, or each estimate. forgive: good samples
+    that forgive a bad one. requires: points that must be known and not 0 for the limit to apply; excludes: points that
+    must be known and 0 (both of the same slot, where they have slots). response: of a red limit: only report it,
+    invalidate the mode of this slot (all modes, for a point without slots), degrade the flight mode too, or inhibit
+    the flight. latch: what clears it: good samples (auto), a command once it is good again (latched), or nothing
+    (permanent). flag: name of the ModeFlag that tells the controller why.
     """
 
+    number: Number
     point: Name
     per: Literal["tick", "frame", "estimate"]
     set_after: Samples
     clear_after: Samples
+    forgive: Samples = 4
     low_red: float | None = None
     low_yellow: float | None = None
     high_yellow: float | None = None
     high_red: float | None = None
     hysteresis: Annotated[float, Meta(ge=0.0, description="in the point's unit")] = 0.0
     requires: tuple[Name, ...] = ()
-    response: Literal["report", "invalidate", "degrade"] = "report"
+    excludes: tuple[Name, ...] = ()
+    response: Literal["report", "invalidate", "degrade", "inhibit"] = "report"
+    latch: Literal["auto", "latched", "permanent"] = "auto"
     flag: Name | None = None
 
 
 class Trip(NamedTuple):
-    """One threshold pair: tripped or not, and how many samples in a row speak for the other state."""
+    """One threshold pair: tripped or not; the debt of bad samples until it trips; good samples in a row since then."""
 
     tripped: bool = False
-    contrary: int = 0
+    debt: int = 0
+    good: int = 0
 
 
 class LimitState(NamedTuple):
@@ -82,6 +93,19 @@ def step(limit: Limit, state: LimitState, value: float, fresh: bool = True, appl
     return LimitState(yellow, red)
 
 
+def clear(limit: Limit, state: LimitState) -> tuple[LimitState, bool]:
+    """The state after a command to clear, and whether that is granted.
+
+    It is refused while the cause of the worst trip is there, and for a permanent limit; a trip whose cause is there
+    stays (yellow, say, when red is cleared). A limit that is not tripped is granted, and nothing changes.
+    """
+    if state.level is Level.GREEN:
+        return state, True
+    if not _clearable(limit, state.red if state.red.tripped else state.yellow):
+        return state, False
+    return LimitState(*(Trip() if _clearable(limit, trip) else trip for trip in state)), True
+
+
 def outside(value: float, low: float, high: float, margin: float = 0.0) -> bool:
     """Whether the value is not inside low + margin to high - margin; so is NaN, unless there is no threshold."""
     return not low + margin <= value <= high - margin and (low > -inf or high < inf)
@@ -106,19 +130,19 @@ def crossed(limit: Limit, level: Level, value: float) -> float:
 
 def fault_in(limit: Limit) -> str:
     """What is wrong with a row of the table; empty if nothing is."""
-    known = ", ".join(POINT_BY_NAME)
-    for name in (limit.point, *limit.requires):
+    gates = (*limit.requires, *limit.excludes)
+    for name in (limit.point, *gates):
         if name not in POINT_BY_NAME:
-            return f"no point is called {name}; there are {known}"
-    for name in limit.requires:
+            return f"no point is called {name}; there are {', '.join(POINT_BY_NAME)}"
+    for name in gates:
         if POINT_BY_NAME[name].slots not in (1, POINT_BY_NAME[limit.point].slots):
-            return f"{limit.point} cannot require {name}: it has other slots"
+            return f"{limit.point} cannot depend on {name}: it has other slots"
     thresholds = [limit.low_red, limit.low_yellow, limit.high_yellow, limit.high_red]
     given = [value for value in thresholds if value is not None]
     if not given:
         return "one of low_red, low_yellow, high_yellow, high_red is needed"
     if given != sorted(given):
-        return "low_red <= low_yellow < high_yellow <= high_red is needed"
+        return "low_red <= low_yellow <= high_yellow <= high_red is needed"
     for level in (Level.YELLOW, Level.RED):
         low, high = pair(limit, level)
         if low + limit.hysteresis > high - limit.hysteresis:
@@ -131,13 +155,32 @@ def fault_in(limit: Limit) -> str:
     return ""
 
 
+def faults_in(limits: Sequence[Limit]) -> str:
+    """What is wrong with a table: the first row that cannot work, or has another's number; empty if nothing is."""
+    seen: dict[int, int] = {}
+    for row, limit in enumerate(limits):
+        problem = fault_in(limit)
+        if limit.number in seen:
+            problem = f"number {limit.number} is limit[{seen[limit.number]}] already"
+        if problem:
+            return f"limit[{row}] on {limit.point}: {problem}"
+        seen[limit.number] = row
+    return ""
+
+
 def _margin(limit: Limit, trip: Trip) -> float:
     return limit.hysteresis if trip.tripped else 0.0
 
 
 def _step(limit: Limit, trip: Trip, bad: bool) -> Trip:
-    if bad == trip.tripped:
-        return Trip(trip.tripped, 0)
-    contrary = trip.contrary + 1
-    needed = limit.clear_after if trip.tripped else limit.set_after
-    return Trip(not trip.tripped, 0) if contrary >= needed else Trip(trip.tripped, contrary)
+    if trip.tripped:
+        good = 0 if bad else min(trip.good + 1, limit.clear_after)
+        return Trip() if limit.latch == "auto" and good == limit.clear_after else Trip(True, 0, good)
+    if bad:
+        debt = trip.debt + limit.forgive
+        return Trip(True) if debt >= limit.set_after * limit.forgive else Trip(False, debt)
+    return Trip(False, max(0, trip.debt - 1))
+
+
+def _clearable(limit: Limit, trip: Trip) -> bool:
+    return limit.latch != "permanent" and trip.good == limit.clear_after

@@ -13,7 +13,7 @@ class Cause(IntFlag):
     Conditions are given in each tick in which they hold, commands once.
     """
 
-    INHIBIT = 1 << 0  # command: measure nothing, say nothing
+    INHIBIT = 1 << 0  # command, or a red limit with this response: measure nothing, say nothing
     ENABLE = 1 << 1  # command: go back to work
     TEST_BEGIN = 1 << 2  # command, out of INHIBITED only: nobody may be relying on the output
     TEST_END = 1 << 3  # command
@@ -43,7 +43,8 @@ TRANSITIONS: dict[FlightMode, dict[Cause, FlightMode]] = {
     },
     # What was locked before the frames went may have moved by more than a cell: search again.
     HOLD: {Cause.INHIBIT: INHIBITED, Cause.FRAMES_BACK: ACQUIRE},
-    INHIBITED: {Cause.ENABLE: ACQUIRE, Cause.TEST_BEGIN: TEST},
+    # While a limit asks to inhibit, no command gets past it.
+    INHIBITED: {Cause.INHIBIT: INHIBITED, Cause.ENABLE: ACQUIRE, Cause.TEST_BEGIN: TEST},
     TEST: {Cause.INHIBIT: INHIBITED, Cause.TEST_END: INHIBITED},
 }
 

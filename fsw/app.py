@@ -1,40 +1,71 @@
 """The composition root: tables -> pools -> tasks -> schedule. The only place that knows everybody."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fault.monitor import Monitor
-from fsw.executive.entry import FrameTask, LongTask
+from fault.modes import Cause
+from fault.protection import Protection
+from fsw.executive.entry import Entry, FrameTask, LongTask
 from fsw.executive.executive import Executive
+from fsw.executive.lock import TriggerLock
 from fsw.executive.schedule import check_schedule
 from fsw.geometry import make_prior, make_rig, make_wing_grid
 from fsw.memory.pool import FramePool
 from fsw.memory.ring import Ring
-from fsw.tables.flight import FlightTable
+from fsw.supervisor import Start
+from fsw.tables.flight import FlightTable, VisionTable
 from fsw.tables.schema import CamerasTable, WingTable
 from fsw.tables.store import TableStore
 from fsw.tasks.acquire import Acquire
 from fsw.tasks.feature import Feature
+from fsw.tasks.health import Health
 from fsw.tasks.identify import Identify
+from fsw.tasks.lateness import Lateness
 from fsw.tasks.match import Match
 from fsw.tasks.protect import Protect
 from fsw.tasks.publish import Outlets, Publish
 from fsw.tasks.reconstruct import Reconstruct
 from fsw.tasks.search import Search
 from fsw.tasks.state import Pair, State
+from fsw.vision.acquisition import Prior
+from fsw.vision.rig import StereoRig
 from fsw.vision.tracking import Tracker, TrackingOptions
 from hal.camera import Camera
 from hal.clock import Clock
+from hal.store import Store
 from hal.trigger import Trigger
-from telemetry.dictionary import OVERRUNS, TICKS_MISSED
-from telemetry.events import OVERRUN, STARTED, STOPPED, TABLE_ACTIVATED, TRIGGER_GAP
+from hal.watchdog import Unwatched, Watchdog
+from telemetry.dictionary import (
+    BUS_ERRORS,
+    LEASES_OUTSTANDING,
+    POOL_VIOLATIONS,
+    RESTARTS,
+    STORAGE_FAILED,
+    TABLES_CORRUPT,
+)
+from telemetry.events import RESTARTED, RESTARTS_SPENT, STARTED, STOPPED, TABLE_ACTIVATED, RestartCause, TableNumber
 from wingbeat.errors import InputError
 
-FLIGHT_TABLE = 1  # number of the flight table in events
-FRAMES_PER_EYE = 1  # leased at a time; one measured pair is given back before the next is taken
+FRAMES_PER_EYE = 2  # one is leased at a time; a lost one must not end the measuring
+REQUIRED = ("acquire", "search", "feature", "match", "reconstruct", "identify", "health", "protect", "publish")
+
+
+class MakeVision(Protocol):
+    """Makes the tasks search, feature, match and reconstruct over the shared state."""
+
+    def __call__(
+        self, state: State, rig: StereoRig, prior: Prior, table: VisionTable
+    ) -> Sequence[FrameTask | LongTask]: ...
+
+
+def make_vision(state: State, rig: StereoRig, prior: Prior, table: VisionTable) -> Sequence[FrameTask | LongTask]:
+    """The tasks from images to points."""
+    return Search(state, rig, prior, table), Feature(state, table), Match(state, table), Reconstruct(state, table)
 
 
 @dataclass(frozen=True)
@@ -48,82 +79,152 @@ class Tables:
 
 @dataclass(frozen=True)
 class Drivers:
-    """The hardware behind its interfaces. rate_hz: nominal rate of the trigger."""
+    """The hardware behind its interfaces.
+
+    rate_hz: nominal rate of the trigger. raw_line: the trigger is a line whose edges may be missing, doubled or off
+    their time; otherwise its ticks are established. patience: how long to wait for a long task (see Executive).
+    """
 
     cameras: tuple[Camera, Camera]
     trigger: Trigger
     clock: Clock
     rate_hz: float
     outlets: Outlets = field(default_factory=Outlets)
+    raw_line: bool = False
+    watchdog: Watchdog = field(default_factory=Unwatched)
+    store: Store | None = None
+    patience: Callable[[Entry], bool] | None = None
 
 
 class App:
     """The flight application. Raises InputError for a schedule that cannot hold."""
 
-    def __init__(self, tables: Tables, drivers: Drivers, lockstep: bool = True) -> None:
+    def __init__(
+        self,
+        tables: Tables,
+        drivers: Drivers,
+        lockstep: bool = True,
+        vision: MakeVision = make_vision,
+        start: Start = Start(),  # noqa: B008  # it cannot change
+    ) -> None:
         # Sums come out in the same order, and so in the same bits, whatever the machine has to offer.
         cv2.setNumThreads(1)
         self._threads = threadpool_limits(limits=1)
+        self._drivers, self._start = drivers, start
         rig, grid, prior = make_rig(tables.cameras), make_wing_grid(tables.wing), make_prior(tables.wing)
         self.flight_table = TableStore(tables.flight)
         flight = self.flight_table.active.table
-        vision, identify = flight.vision, flight.identify
+        settings = flight.executive
         blank = [np.zeros((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
         pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
-        self._rate_hz, self._rig = drivers.rate_hz, rig
         self.state = State(
             Tracker(rig, grid, TrackingOptions()),
             Pair(blank[0], blank[1]),
-            Ring(identify.history_ticks, (), np.int64),
-            Ring(identify.history_ticks, (grid.count, 3)),
+            Ring(flight.identify.history_ticks, (), np.int64),
+            Ring(flight.identify.history_ticks, (grid.count, 3)),
         )
+        self.state.tracker.place(prior.rotation, prior.translation_mm)
+        self.protection = Protection(flight.limit, flight.shadow)
         self._acquire = Acquire(
-            self.state, drivers.cameras, (pools[0], pools[1]), vision.skew_limit_us, vision.hold_after_ticks
+            self.state,
+            drivers.cameras,
+            (pools[0], pools[1]),
+            flight.vision.skew_limit_us,
+            flight.vision.hold_after_ticks,
         )
-        self._search = Search(self.state, rig, prior, vision)
         self._publish = Publish(self.state, drivers.outlets)
+        self._vision = vision(self.state, rig, prior, flight.vision)
         known: list[FrameTask | LongTask] = [
             self._acquire,
-            self._search,
-            Feature(self.state, vision),
-            Match(self.state, vision),
-            Reconstruct(self.state, vision),
-            Identify(self.state, identify),
-            Protect(self.state, Monitor(flight.limit)),
+            *self._vision,
+            Identify(self.state, flight.identify),
+            Protect(self.state, self.protection),
             self._publish,
         ]
-        tasks = {task.name: task for task in known}
-        schedule = flight.schedule
-        if findings := check_schedule(schedule, tasks, None if lockstep else 1e3 / drivers.rate_hz):
+        names = (*(task.name for task in known), Health.name)
+        self._health = Health(
+            lambda: self.executive,
+            drivers.watchdog,
+            self.state.board,
+            self.state.raise_event,
+            settings.silent_after_ticks,
+            settings.dead_after_ticks,
+            names,
+        )
+        tasks = {task.name: task for task in (*known, self._health)}
+        beside = {task.name for task in known if isinstance(task, LongTask)}
+        tick_ms = None if lockstep else 1e3 / drivers.rate_hz
+        if findings := check_schedule(flight.schedule, tasks, tick_ms, REQUIRED, tasks.keys() - beside):
             raise InputError(findings[0].text, "schedule", "correct the flight tables")
-        self.state.tracker.place(prior.rotation, prior.translation_mm)
-        self._missed = self._overruns = 0
+        period_ns = round(1e9 / drivers.rate_hz)
+        trigger, lock = drivers.trigger, None
+        if drivers.raw_line:
+            trigger = lock = TriggerLock(
+                drivers.trigger,
+                drivers.clock,
+                period_ns,
+                settings.edge_window_share,
+                settings.free_wheel_after,
+                settings.lock_after,
+            )
+        self._lateness = Lateness(self.state, lambda: self.executive, lock)
         self.executive = Executive(
-            schedule, tasks, drivers.trigger, drivers.clock, round(1e9 / drivers.rate_hz), lockstep, self.state.begin
+            flight.schedule,
+            tasks,
+            trigger,
+            drivers.clock,
+            period_ns,
+            lockstep,
+            self._begin,
+            patience=drivers.patience,
+            catch_up_ticks=settings.catch_up_ticks,
+            on_overrun=self._lateness.overrun,
+            on_failure=self._lateness.failure,
         )
 
     def init(self) -> None:
         """Take all memory and compile all kernels."""
-        self.state.raise_event(STARTED, self.state.tracker.grid.count, self._rate_hz)
-        self.state.raise_event(TABLE_ACTIVATED, FLIGHT_TABLE, self.flight_table.active.version)
+        state, start = self.state, self._start
+        for point, value in (
+            (BUS_ERRORS, 0),
+            (STORAGE_FAILED, 0),
+            (POOL_VIOLATIONS, 0),
+            (LEASES_OUTSTANDING, 0),
+            (TABLES_CORRUPT, 0),
+            (RESTARTS, start.restarts),
+        ):
+            state.board.set(point, value)
+        self._lateness.init()
+        state.raise_event(STARTED, state.tracker.grid.count, self._drivers.rate_hz)
+        for number in TableNumber:
+            state.raise_event(TABLE_ACTIVATED, number, self.flight_table.active.version)
+        if start.cause is not RestartCause.POWER_ON:
+            state.raise_event(RESTARTED, start.restarts, start.cause)
+        if start.inhibited:
+            state.raise_event(RESTARTS_SPENT, start.restarts)
+            state.causes |= Cause.INHIBIT
         self.executive.init()
 
     def step(self) -> bool:
         """One tick; False when the trigger has ended."""
-        more = self.executive.step()
-        self._count_lateness()
-        return more
+        return self.executive.step()
 
-    def _count_lateness(self) -> None:
-        """Show the executive's counters; what was late in this tick is told with the next one."""
-        board, executive = self.state.board, self.executive
-        if executive.missed_ticks > self._missed:
-            self.state.raise_event(TRIGGER_GAP, executive.missed_ticks - self._missed)
-        if executive.overruns > self._overruns:
-            self.state.raise_event(OVERRUN, executive.overruns - self._overruns)
-        self._missed, self._overruns = executive.missed_ticks, executive.overruns
-        board.set(TICKS_MISSED, self._missed)
-        board.set(OVERRUNS, self._overruns)
+    @property
+    def restart_cause(self) -> RestartCause | None:
+        """Why the application wants to be made anew; None: it does not."""
+        if self._drivers.watchdog.expired():
+            return RestartCause.WATCHDOG
+        return self._health.restart_cause
+
+    @property
+    def failures(self) -> Sequence[tuple[str, BaseException]]:
+        """Tasks that failed, with what they raised."""
+        return self._lateness.failures
+
+    def _begin(self, tick: int, time_ns: int) -> None:
+        """A tick begins: what was late before is known now."""
+        self.state.begin(tick, time_ns)
+        self._lateness.tell()
 
     def close(self) -> None:
         """Stop: give the frames back, end the threads, say so."""
@@ -131,6 +232,8 @@ class App:
         self._acquire.release()
         self.state.raise_event(STOPPED, self.executive.ticks)
         self._publish.drain_events()
-        self._search.close()
+        for task in self._vision:
+            if isinstance(task, Search):
+                task.close()
         self.state.tracker.close()
         self._threads.restore_original_limits()

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.app import App, Drivers, Tables
+from fsw.app import App, Drivers, MakeVision, Tables, make_vision
 from fsw.geometry import make_wing_grid
 from fsw.modal.result import to_contract
 from fsw.run_log import POINTS, RunLog
+from fsw.supervisor import Start, Supervisor
 from fsw.tasks.publish import Outlets
 from fsw.tasks.state import State
 from hal.bus import Bus
@@ -75,6 +76,7 @@ def fly(
     lockstep: bool = True,
     bus: Bus | None = None,
     each_tick: Callable[[], None] = lambda: None,
+    vision: MakeVision = make_vision,
 ) -> dict[str, Any]:
     """Fly until the trigger ends, and leave the files of the contract in `folder`, but for summary.json and the report.
 
@@ -92,15 +94,22 @@ def fly(
         )
         log = stack.enter_context(RunLog(folder, cells))
         spent: dict[str, list[float]] = defaultdict(list)
-        app = App(tables, replace(drivers, outlets=outlets), lockstep)
+        seen: dict[str, int] = defaultdict(int)
+        flown = replace(drivers, outlets=outlets, store=store)
+
+        def make(start: Start) -> App:
+            return App(tables, flown, lockstep, vision, start)
+
+        supervisor = Supervisor(make, store, tables.flight.executive.most_restarts)
         try:
-            app.init()
-            while app.step():
-                log.add(app.state)
-                _add_spent(app, spent)
+            supervisor.init()
+            while supervisor.step():
+                log.add(supervisor.app.state)
+                _add_spent(supervisor.app, spent, seen)
                 each_tick()
         finally:
-            app.close()
+            supervisor.close()
+        app = supervisor.app
         modes = published_modes(app.state)
         store.write("modes.json", as_json(modes))
         write_diagram(app.state, folder, cells)
@@ -154,11 +163,12 @@ def _figures(app: App, modes: dict[str, Any], spent: dict[str, list[float]]) -> 
     }
 
 
-def _add_spent(app: App, spent: dict[str, list[float]]) -> None:
+def _add_spent(app: App, spent: dict[str, list[float]], seen: dict[str, int]) -> None:
     """Note what each task's newest run took, if there was one since the last tick."""
     for task in app.executive.tasks:
         figures = app.executive.timing(task)[0].summary()
-        if figures.runs > len(spent[task]):
+        if figures.runs != seen[task]:
+            seen[task] = figures.runs
             spent[task].append(figures.last_ms)
 
 

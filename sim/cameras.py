@@ -62,11 +62,19 @@ class SimulatedTrigger:
         self._clock = clock
         self.tick, self.time_ns = -1, 0
 
-    def wait(self) -> Edge | None:
-        """Block until the next edge and return it; None when the scenario's duration is over."""
-        if self.tick + 1 >= len(self._times_ns):
+    @property
+    def ended(self) -> bool:
+        """The scenario's duration is over."""
+        return self.tick + 1 >= len(self._times_ns)
+
+    def wait(self, until_ns: int | None = None) -> Edge | None:
+        """Block until the next edge and return it; None at the scenario's end, or at until_ns if it comes later."""
+        if self.ended:
             return None
         time_ns = int(self._times_ns[self.tick + 1])
+        if until_ns is not None and time_ns > until_ns:
+            self._clock.sleep_until_ns(until_ns)
+            return None
         self._clock.sleep_until_ns(time_ns)
         self.tick, self.time_ns = self.tick + 1, time_ns
         return Edge(self.tick, self.time_ns)

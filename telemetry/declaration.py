@@ -20,6 +20,7 @@ class Kind(StrEnum):
     CHOICE = "choice"  # one of the point's choices
     BITS = "bits"  # any set of the point's choices
     REAL = "real"  # a number of any size: IEEE 754, 32 bits
+    RAW = "raw"  # bits of data: every code is a value, none says "not available"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Point:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "symbol", self.symbol or self.name)
-        if self.kind is Kind.REAL:
+        if self.kind in (Kind.REAL, Kind.RAW):
             return
         highest = (self.maximum - self.minimum) / self.scale
         if round(highest) > self.unavailable - 1:
@@ -107,6 +108,23 @@ class Severity(IntEnum):
     CRITICAL = 3
 
 
+class Source(IntEnum):
+    """Which part raises an event: the hundreds of the event's number. Each has a token bucket of its own."""
+
+    APPLICATION = 0
+    CAMERA = 1
+    EXECUTIVE = 2
+    VISION = 3
+    MODAL = 4
+    LIMITS = 5
+    OUTLETS = 6
+    COMMANDS = 7
+    TABLES = 8
+    MEMORY = 9
+    HEALTH = 10
+    BLACK_BOX = 11
+
+
 @dataclass(frozen=True, eq=False)
 class Argument:
     """One argument of an event: a name, its unit and, where it is a choice, the numbers' names."""
@@ -130,3 +148,8 @@ class Event:
         if len(self.arguments) > EVENT_ARGUMENTS:
             raise ValueError(f"event {self.name}: {len(self.arguments)} arguments, at most {EVENT_ARGUMENTS} fit")
         self.text.format(**{argument.name: 0.0 for argument in self.arguments})
+
+    @property
+    def source(self) -> Source:
+        """The part that raises it."""
+        return Source(self.number // 100)

@@ -60,6 +60,26 @@ class ModeFlag(IntFlag):
     OTHER = 1 << 22
 
 
+class CommandResult(IntEnum):
+    """What became of a command."""
+
+    ACCEPTED = 0
+    UNKNOWN_COMMAND = 1
+    BAD_ARGUMENT = 2
+    WRONG_MODE = 3
+    NOT_ARMED = 4
+    CAUSE_PRESENT = 5
+    NOT_CLEARABLE = 6
+    NO_SUCH_ITEM = 7
+    TABLE_FAULT = 8
+    NOTHING_LOADED = 9
+    BUSY = 10
+    CRITICAL_TASK = 11
+    WRONG_LENGTH = 12
+    WRONG_CRC = 13
+    UNAVAILABLE = 14
+
+
 def flag_bits(names: Iterable[str]) -> int:
     """The bits of flags given by their names in modes.json; an unknown name sets OTHER: none is lost."""
     bits = 0
@@ -152,16 +172,54 @@ OBSERVABLE = _flag("observable", "the wing moves enough to be identified; 0 is q
 VALIDITY = _flag("validity", "at least one mode is valid and no limit forbids its use")
 TICKS = _count("ticks", "trigger edges since the start", 32)
 TICKS_MISSED = _count("ticks_missed", "trigger edges that never reached the executive")
+EDGES_EARLY = _count("edges_early", "trigger edges before their window, not used")
+EDGES_LATE = _count("edges_late", "trigger edges after their window, not used")
+EDGES_DOUBLE = _count("edges_double", "second edges of one trigger, not used")
+CLOCK_JUMPS = _count("clock_jumps", "jumps of mission time against the trigger", 8)
+FREE_WHEEL = _flag("free_wheel", "ticks come from the clock alone: the trigger cannot be trusted")
+OVERRUNS = _count("overruns", "runs of tasks that were not done in their slot")
+OVERRUN = _flag("overrun", "a task was not done in its slot since the last tick")
+SLOTS_LOST = _count("slots_lost", "releases of tasks that never ran: edge missed, task busy, or skipped to catch up")
+ILLUMINATED = _flag("illuminated", "at least one eye sees light; 0 is eclipse, not a fault")
 DROPS_MISSING = _count("drops_missing", "pairs dropped: an eye's frame did not come")
+DROPS_DUPLICATE = _count("drops_duplicate", "pairs dropped: a frame came a second time, by the camera's count")
 DROPS_SKEW = _count("drops_skew", "pairs dropped: the eyes' exposures differ by more than the limit")
 DROPS_CORRUPT = _count("drops_corrupt", "pairs dropped: a frame was marked or found corrupt")
-DROPS_STUCK = _count("drops_stuck", "pairs dropped: a frame repeats the one before")
-OVERRUNS = _count("overruns", "tasks that were not done by their tick")
+DROPS_STUCK = _count("drops_stuck", "pairs dropped: a frame's pixels repeat the one before")
+DROPS_SWAPPED = _count("drops_swapped", "pairs dropped: a frame of the other eye")
+DROPS_LATE = _count("drops_late", "pairs dropped: a frame of another trigger than this tick's")
+DROPS_BLACK = _count("drops_black", "pairs dropped: a frame shows nothing but darkness")
+DROPS_SATURATED = _count("drops_saturated", "pairs dropped: most of a frame is at its brightest value")
+DROPS_TORN = _count("drops_torn", "pairs dropped: a part of a frame repeats the one before")
+DROPS_MEMORY = _count("drops_memory", "pairs dropped: no frame memory was free")
+DROP_RATE = _share("drop_rate", "pairs dropped over pairs wanted, of the last 60 ticks with light")
 BUS_DROPPED = _count("bus_dropped", "frames that the bus did not take")
+BUS_ERRORS = _count("bus_errors", "frames that the bus did not take in the tick before", 8)
+STORAGE_ERRORS = _count("storage_errors", "writes that the store refused since the start")
+STORAGE_FAILED = _flag("storage_failed", "the store refused a write in the tick before")
 EVENT_COUNT = _count("event_count", "events raised since the start")
-EVENTS_SUPPRESSED = _count("events_suppressed", "events not sent because their queue was full")
+EVENTS_SUPPRESSED = _count("events_suppressed", "events not sent: their source's bucket or the queue was full")
+COMMANDS_ACCEPTED = _count("commands_accepted", "commands accepted since the start")
+COMMANDS_REJECTED = _count("commands_rejected", "commands rejected since the start")
+TABLES_CORRUPT = _count("tables_corrupt", "copies of tables that are damaged now", 8)
+TABLE_REPAIRS = _count("table_repairs", "damaged copies of tables that were made good", 8)
+POOL_VIOLATIONS = _count("pool_violations", "frames given back twice or to a foreign pool", 8)
+LEASES_OUTSTANDING = _count("leases_outstanding", "frames still leased at the end of the last hyperperiod", 8)
+TASKS_SILENT = _count("tasks_silent", "critical tasks that show no progress now", 8)
+RESTARTS = _count("restarts", "restarts by itself since the counter was last cleared", 8)
+LIMITS_YELLOW = _count("limits_yellow", "limits that are yellow now", 8)
+LIMITS_RED = _count("limits_red", "limits that are red now", 8)
+LIMITS_DISABLED = _count("limits_disabled", "limits switched off by command", 8)
+SHADOW_TRIPS = _count("shadow_trips", "times that a shadow limit would have gone red")
 
-# An event. These points live in the encoder, one event at a time.
+# Of the estimate; on the board only, for the limits.
+IDENTIFIED_FLAGS = _flags("identified_flags", "flags of the mode as the identification raised them", MODE_SLOTS)
+FREQUENCY_UNCERTAINTY = _modal("frequency_uncertainty", "1", 0, 1, 1e-5, 24, "standard deviation over frequency")
+FREQUENCY_JUMP = _modal(
+    "frequency_jump", "1", 0, 1, 1e-5, 24, "change against the last estimate beyond 3 sigma of both, over frequency"
+)
+
+# An event, an acknowledgement, a piece of a dumped table, a task's timing: these points live in the encoder.
 EVENT_NUMBER = _count("event_number", "number of the event in the dictionary")
 EVENT_SEVERITY = Point("severity", "1", 0, 254, 1, 8, "how much it matters", Kind.CHOICE, Severity)
 EVENT_ARGUMENT_COUNT = _count("argument_count", "arguments that the event has", 8)
@@ -169,6 +227,42 @@ EVENT_INDEX = _count("event_index", "count of events since the start, this one i
 EVENT_ARGUMENT_POINTS = tuple(
     Point(f"argument_{i}", "", -3.4e38, 3.4e38, 0, 32, f"argument {i} of the event", Kind.REAL)
     for i in range(EVENT_ARGUMENTS)
+)
+
+# The answer to a command.
+ACK_COMMAND = _count("ack_command", "number of the command that is answered", 8)
+ACK_RESULT = Point("ack_result", "1", 0, 254, 1, 8, "what became of it", Kind.CHOICE, CommandResult)
+ACK_SEQUENCE = _count("ack_sequence", "sequence counter of the command that is answered", 8)
+ACK_DETAIL = _count("ack_detail", "more about a refusal: a table's error, or the place of a missing chunk", 16)
+
+# A piece of a dumped table: 48 bytes from an offset.
+DUMP_TABLE = _count("dump_table", "number of the table", 8)
+DUMP_OFFSET = _count("dump_offset", "place of the first byte in the table's image", 16)
+DUMP_SIZE = _count("dump_size", "bytes of the whole image", 16)
+DUMP_WORDS = tuple(
+    Point(f"dump_word_{i}", "1", 0, (1 << 48) - 1, 1, 48, f"bytes {6 * i} to {6 * i + 5}, little endian", Kind.RAW)
+    for i in range(8)
+)
+
+# The timing of one task, on command.
+TIMING_TASK = _count("timing_task", "number of the task", 8)
+TIMING_RUNS = _count("timing_runs", "whole runs", 24)
+TIMING_OVERRUNS = _count("timing_overruns", "runs that were not done in their slot")
+TIMING_OVER_BUDGET = _count("timing_over_budget", "runs over the budget of thread-CPU time")
+TIMING_LOST = _count("timing_lost", "releases that never ran")
+TIMING_LAST_MS, TIMING_MIN_MS, TIMING_MAX_MS, TIMING_MEAN_MS, TIMING_DEVIATION_MS, TIMING_JITTER_MS = (
+    _quantity(f"timing_{name}_ms", "ms", 0, 16_000, 0.001, 24, meaning)
+    for name, meaning in (
+        ("last", "thread-CPU time of the last run"),
+        ("min", "least thread-CPU time of a run"),
+        ("max", "greatest thread-CPU time of a run"),
+        ("mean", "mean thread-CPU time"),
+        ("deviation", "standard deviation of the thread-CPU time"),
+        ("jitter", "greatest delay of a release after its trigger"),
+    )
+)
+TIMING_BINS = tuple(
+    _count(f"timing_bin_{i}", f"runs in bin {i} of the histogram, bins of an eighth of the budget") for i in range(16)
 )
 
 MODE_PACKET = Packet(
@@ -194,10 +288,17 @@ QUALITY_PACKET = Packet(
 )  # fmt: skip
 HEALTH_PACKET = Packet(
     "health", 0x220, 54003, 15, 7, "mode and counters of the flight application", (
-        ("state", (MODE, OBSERVABLE, VALIDITY, TICKS_MISSED, EVENTS_SUPPRESSED)),
-        ("ticks", (TICKS, OVERRUNS)),
+        ("state", (MODE, OBSERVABLE, VALIDITY, FREE_WHEEL, ILLUMINATED, EVENTS_SUPPRESSED, EVENT_COUNT)),
+        ("ticks", (TICKS, TICKS_MISSED)),
+        ("slots", (OVERRUNS, SLOTS_LOST, BUS_DROPPED)),
         ("drops", (DROPS_MISSING, DROPS_SKEW, DROPS_CORRUPT)),
-        ("queues", (DROPS_STUCK, BUS_DROPPED, EVENT_COUNT)),
+        ("repeats", (DROPS_STUCK, DROPS_DUPLICATE, DROPS_SWAPPED)),
+        ("images", (DROPS_BLACK, DROPS_SATURATED, DROPS_TORN)),
+        ("pairs", (DROPS_LATE, DROPS_MEMORY, DROP_RATE)),
+        ("trigger", (EDGES_EARLY, EDGES_LATE, EDGES_DOUBLE)),
+        ("memory", (CLOCK_JUMPS, POOL_VIOLATIONS, LEASES_OUTSTANDING, TABLES_CORRUPT, TABLE_REPAIRS, RESTARTS)),
+        ("commands", (COMMANDS_ACCEPTED, COMMANDS_REJECTED, STORAGE_ERRORS)),
+        ("limits", (LIMITS_YELLOW, LIMITS_RED, LIMITS_DISABLED, TASKS_SILENT, SHADOW_TRIPS)),
     ),
 )  # fmt: skip
 EVENT_PACKET = Packet(
@@ -206,13 +307,46 @@ EVENT_PACKET = Packet(
         *((point.name, (point,)) for point in EVENT_ARGUMENT_POINTS),
     ),
 )  # fmt: skip
+ACK_PACKET = Packet(
+    "ack", 0x208, 54005, 0, 0, "the answer to a command", (
+        ("answer", (ACK_COMMAND, ACK_RESULT, ACK_SEQUENCE, ACK_DETAIL)),
+    ),
+)  # fmt: skip
+DUMP_PACKET = Packet(
+    "dump", 0x280, 54006, 0, 0, "48 bytes of a table's image, on command", (
+        ("place", (DUMP_TABLE, DUMP_OFFSET, DUMP_SIZE)),
+        *((point.name.removeprefix("dump_"), (point,)) for point in DUMP_WORDS),
+    ),
+)  # fmt: skip
+TIMING_PACKET = Packet(
+    "timing", 0x290, 54007, 0, 0, "timing of one task, on command", (
+        ("runs", (TIMING_TASK, TIMING_RUNS, TIMING_OVERRUNS)),
+        ("counts", (TIMING_OVER_BUDGET, TIMING_LOST)),
+        ("last", (TIMING_LAST_MS, TIMING_MIN_MS)),
+        ("spread", (TIMING_MAX_MS, TIMING_MEAN_MS)),
+        ("deviation", (TIMING_DEVIATION_MS, TIMING_JITTER_MS)),
+        *((f"bins_{i}", TIMING_BINS[i : i + 3]) for i in range(0, 16, 3)),
+    ),
+)  # fmt: skip
 
-PACKETS = (EVENT_PACKET, QUALITY_PACKET, HEALTH_PACKET, ESTIMATE_PACKET, MODE_PACKET)
+PACKETS = (
+    EVENT_PACKET, ACK_PACKET, QUALITY_PACKET, HEALTH_PACKET, ESTIMATE_PACKET, MODE_PACKET, DUMP_PACKET, TIMING_PACKET
+)  # fmt: skip
 PERIODIC_PACKETS = tuple(packet for packet in PACKETS if packet.period_ticks)
+
+ON_DEMAND_PACKETS = tuple(packet for packet in PACKETS if not packet.period_ticks)
+INTERNAL = (OVERRUN, BUS_ERRORS, STORAGE_FAILED, IDENTIFIED_FLAGS, FREQUENCY_UNCERTAINTY, FREQUENCY_JUMP)
+"""Points that no packet carries: they are there for the limits."""
 
 POINTS: tuple[Point, ...] = tuple(
     dict.fromkeys(
-        (ESTIMATE_TICK, ESTIMATE_TIME_US, *(point for packet in reversed(PACKETS) for point in packet.points))
+        (
+            ESTIMATE_TICK,
+            ESTIMATE_TIME_US,
+            *(point for packet in reversed(PERIODIC_PACKETS) for point in packet.points),
+            *INTERNAL,
+            *(point for packet in ON_DEMAND_PACKETS for point in packet.points),
+        )
     )
 )
 """Every point that the board holds. A point's number, where an event names one, is its place here."""

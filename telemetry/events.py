@@ -6,8 +6,8 @@ from enum import IntEnum
 from typing import Any
 
 from telemetry.board import EventRecord
-from telemetry.declaration import Argument, Event, Severity
-from telemetry.dictionary import POINTS, FlightMode
+from telemetry.declaration import Argument, Event, Severity, Source
+from telemetry.dictionary import POINTS, CommandResult, FlightMode
 
 
 class Eye(IntEnum):
@@ -15,6 +15,52 @@ class Eye(IntEnum):
 
     LEFT = 0
     RIGHT = 1
+
+
+class TableNumber(IntEnum):
+    """The flight tables that can be loaded, each by itself."""
+
+    SCHEDULE = 1
+    VISION = 2
+    IDENTIFY = 3
+    LIMITS = 4
+    SHADOW = 5
+    EXECUTIVE = 6
+
+
+class TableCopy(IntEnum):
+    """The copies of a table in memory."""
+
+    ACTIVE = 0
+    LOADED = 1
+    PREVIOUS = 2
+
+
+class TaskNumber(IntEnum):
+    """The tasks of the flight application, by the numbers that commands and events use."""
+
+    COMMAND = 0
+    ACQUIRE = 1
+    SEARCH = 2
+    FEATURE = 3
+    MATCH = 4
+    RECONSTRUCT = 5
+    IDENTIFY = 6
+    HEALTH = 7
+    HOUSEKEEPING = 8
+    PROTECT = 9
+    BLACK_BOX = 10
+    PUBLISH = 11
+
+
+class RestartCause(IntEnum):
+    """Why the application starts again."""
+
+    POWER_ON = 0
+    COMMAND = 1
+    TASK_DEAD = 2
+    TASK_FAILED = 3
+    WATCHDOG = 4
 
 
 def _names(choices: Iterable[IntEnum]) -> dict[int, str]:
@@ -33,8 +79,14 @@ def _event(number: int, name: str, severity: Severity, text: str, *arguments: Ar
 _EYE = Argument("eye", choices=_EYES)
 _SLOT = Argument("slot")
 _COUNT = Argument("count")
+_TASK = Argument("task", choices=_names(TaskNumber))
+_TABLE = Argument("table", choices=_names(TableNumber))
+_COPY = Argument("copy", choices=_names(TableCopy))
 _LIMIT = (Argument("point", choices=_POINTS), _SLOT, Argument("value"), Argument("limit"))
+_ON = Argument("on", choices={0: "off", 1: "on"})
+_COMMAND = Argument("command")
 
+# Application.
 STARTED = _event(
     1,
     "STARTED",
@@ -52,43 +104,80 @@ MODE_CHANGED = _event(
     Argument("before", choices=_MODES),
     Argument("after", choices=_MODES),
 )
-TABLE_ACTIVATED = _event(
-    4,
-    "TABLE_ACTIVATED",
-    _INFO,
-    "table {table:.0f} active, version {version:.0f}",
-    Argument("table"),
-    Argument("version"),
-)
-TABLE_REJECTED = _event(
-    5,
-    "TABLE_REJECTED",
-    _WARNING,
-    "table {table:.0f} rejected, error {error:.0f}",
-    Argument("table"),
-    Argument("error"),
-)
 
-FRAME_MISSING = _event(10, "FRAME_MISSING", _WARNING, "no frame from the {eye} eye", _EYE)
+# Cameras: why a pair was dropped.
+FRAME_MISSING = _event(101, "FRAME_MISSING", _WARNING, "no frame from the {eye} eye", _EYE)
+FRAME_DUPLICATE = _event(102, "FRAME_DUPLICATE", _WARNING, "the {eye} eye's frame came a second time", _EYE)
 FRAME_SKEW = _event(
-    11,
+    103,
     "FRAME_SKEW",
     _WARNING,
     "eyes exposed {skew_us:.0f} us apart, limit {limit_us:.0f} us",
     Argument("skew_us", "us"),
     Argument("limit_us", "us"),
 )
-FRAME_CORRUPT = _event(12, "FRAME_CORRUPT", _WARNING, "corrupt frame from the {eye} eye", _EYE)
-FRAME_STUCK = _event(13, "FRAME_STUCK", _WARNING, "the {eye} eye repeats its frame", _EYE)
-TRIGGER_GAP = _event(14, "TRIGGER_GAP", _WARNING, "{count:.0f} trigger edges missed", _COUNT)
+FRAME_CORRUPT = _event(104, "FRAME_CORRUPT", _WARNING, "corrupt frame from the {eye} eye", _EYE)
+FRAME_STUCK = _event(105, "FRAME_STUCK", _WARNING, "the {eye} eye repeats its frame", _EYE)
+FRAME_SWAPPED = _event(106, "FRAME_SWAPPED", _WARNING, "the {eye} eye's place holds the other eye's frame", _EYE)
+FRAME_LATE = _event(
+    107,
+    "FRAME_LATE",
+    _WARNING,
+    "the {eye} eye's frame is {late_us:.0f} us off its trigger",
+    _EYE,
+    Argument("late_us", "us"),
+)
+FRAME_BLACK = _event(108, "FRAME_BLACK", _WARNING, "the {eye} eye's frame is black", _EYE)
+FRAME_SATURATED = _event(
+    109, "FRAME_SATURATED", _WARNING, "{share:.2f} of the {eye} eye's frame is saturated", _EYE, Argument("share")
+)
+FRAME_TORN = _event(110, "FRAME_TORN", _WARNING, "a part of the {eye} eye's frame is the frame before", _EYE)
+DARKNESS = _event(111, "DARKNESS", _INFO, "both eyes are in darkness")
+LIGHT = _event(112, "LIGHT", _INFO, "light again")
 
-OVERRUN = _event(20, "OVERRUN", _WARNING, "{count:.0f} tasks or ticks were not done in time", _COUNT)
+# Executive and trigger.
+OVERRUN = _event(
+    201,
+    "OVERRUN",
+    _WARNING,
+    "task {task} was not done in its slot, {late_ms:.1f} ms late",
+    _TASK,
+    Argument("late_ms", "ms"),
+)
+TRIGGER_GAP = _event(202, "TRIGGER_GAP", _WARNING, "{count:.0f} trigger edges missed", _COUNT)
+EDGE_EARLY = _event(
+    203, "EDGE_EARLY", _WARNING, "a trigger edge came {off_us:.0f} us off its time", Argument("off_us", "us")
+)
+EDGE_LATE = _event(
+    204, "EDGE_LATE", _WARNING, "a trigger edge came {off_us:.0f} us off its time", Argument("off_us", "us")
+)
+EDGE_DOUBLE = _event(
+    205,
+    "EDGE_DOUBLE",
+    _WARNING,
+    "a second trigger edge {after_us:.0f} us after the first",
+    Argument("after_us", "us"),
+)
+FREE_WHEELING = _event(206, "FREE_WHEELING", _WARNING, "no trigger to trust: ticks by the clock alone")
+TRIGGER_LOCKED = _event(207, "TRIGGER_LOCKED", _INFO, "ticks follow the trigger")
+CLOCK_JUMP = _event(
+    208,
+    "CLOCK_JUMP",
+    _WARNING,
+    "mission time jumped by {jump_ms:.1f} ms against the trigger",
+    Argument("jump_ms", "ms"),
+)
+SLOTS_SKIPPED = _event(209, "SLOTS_SKIPPED", _WARNING, "{count:.0f} ticks skipped to catch up", _COUNT)
+TASK_FAILED = _event(210, "TASK_FAILED", _CRITICAL, "task {task} failed", _TASK)
 
-LOCK_ACQUIRED = _event(30, "LOCK_ACQUIRED", _INFO, "{count:.0f} cells found", _COUNT)
-LOCK_LOST = _event(31, "LOCK_LOST", _WARNING, "lock lost, {count:.0f} cells left", _COUNT)
+# Vision.
+LOCK_ACQUIRED = _event(301, "LOCK_ACQUIRED", _INFO, "{count:.0f} cells found", _COUNT)
+LOCK_LOST = _event(302, "LOCK_LOST", _WARNING, "lock lost, {count:.0f} cells left", _COUNT)
+HISTORY_CLEARED = _event(303, "HISTORY_CLEARED", _INFO, "displacement history of {count:.0f} frames cleared", _COUNT)
 
+# Modes of vibration.
 MODE_VALID = _event(
-    40,
+    401,
     "MODE_VALID",
     _INFO,
     "slot {slot:.0f} valid: {frequency_hz:.5f} Hz",
@@ -96,29 +185,124 @@ MODE_VALID = _event(
     Argument("frequency_hz", "Hz"),
 )
 MODE_INVALID = _event(
-    41,
+    402,
     "MODE_INVALID",
     _WARNING,
     "slot {slot:.0f} no longer valid, flags {flags:.0f}",
     _SLOT,
     Argument("flags"),
 )
+NOT_OBSERVABLE = _event(403, "NOT_OBSERVABLE", _INFO, "the wing is quiet: nothing to identify")
+OBSERVABLE = _event(404, "OBSERVABLE", _INFO, "the wing moves enough to be identified")
 IDENTIFICATION_FAILED = _event(
-    44, "IDENTIFICATION_FAILED", _WARNING, "no modes could be computed from {count:.0f} samples", _COUNT
+    405, "IDENTIFICATION_FAILED", _WARNING, "no modes could be computed from {count:.0f} samples", _COUNT
 )
-NOT_OBSERVABLE = _event(42, "NOT_OBSERVABLE", _INFO, "the wing is quiet: nothing to identify")
-OBSERVABLE = _event(43, "OBSERVABLE", _INFO, "the wing moves enough to be identified")
 
-LIMIT_YELLOW = _event(50, "LIMIT_YELLOW", _WARNING, "{point}[{slot:.0f}] = {value:g} beyond yellow {limit:g}", *_LIMIT)
-LIMIT_RED = _event(51, "LIMIT_RED", _CRITICAL, "{point}[{slot:.0f}] = {value:g} beyond red {limit:g}", *_LIMIT)
-LIMIT_CLEARED = _event(52, "LIMIT_CLEARED", _INFO, "{point}[{slot:.0f}] = {value:g} back within {limit:g}", *_LIMIT)
-
-BUS_DROPPED = _event(60, "BUS_DROPPED", _WARNING, "the bus did not take {count:.0f} frames", _COUNT)
-RECORDER_FAILED = _event(
-    61, "RECORDER_FAILED", _WARNING, "the recorder failed with error {error:.0f}", Argument("error")
+# Limits.
+LIMIT_YELLOW = _event(501, "LIMIT_YELLOW", _WARNING, "{point}[{slot:.0f}] = {value:g} beyond yellow {limit:g}", *_LIMIT)
+LIMIT_RED = _event(502, "LIMIT_RED", _CRITICAL, "{point}[{slot:.0f}] = {value:g} beyond red {limit:g}", *_LIMIT)
+LIMIT_CLEARED = _event(503, "LIMIT_CLEARED", _INFO, "{point}[{slot:.0f}] = {value:g} back within {limit:g}", *_LIMIT)
+SHADOW_RED = _event(
+    504, "SHADOW_RED", _DIAGNOSTIC, "shadow: {point}[{slot:.0f}] = {value:g} beyond red {limit:g}", *_LIMIT
 )
-FIELDS_SATURATED = _event(62, "FIELDS_SATURATED", _WARNING, "{count:.0f} values clipped to their range", _COUNT)
-EVENTS_SUPPRESSED = _event(63, "EVENTS_SUPPRESSED", _WARNING, "{count:.0f} events suppressed", _COUNT)
+
+# Buses and files.
+BUS_DROPPED = _event(601, "BUS_DROPPED", _WARNING, "the bus did not take {count:.0f} frames", _COUNT)
+STORAGE_FAILED = _event(602, "STORAGE_FAILED", _WARNING, "the store refused {count:.0f} writes", _COUNT)
+STORAGE_BACK = _event(603, "STORAGE_BACK", _INFO, "the store takes data again")
+FIELDS_SATURATED = _event(604, "FIELDS_SATURATED", _WARNING, "{count:.0f} values clipped to their range", _COUNT)
+EVENTS_SUPPRESSED = _event(
+    605,
+    "EVENTS_SUPPRESSED",
+    _WARNING,
+    "{count:.0f} events of {source} suppressed",
+    Argument("source", choices=_names(Source)),
+    _COUNT,
+)
+
+# Commands: exactly one of the two for each command.
+COMMAND_ACCEPTED = _event(
+    701,
+    "COMMAND_ACCEPTED",
+    _INFO,
+    "command {command:.0f} ({selector:.0f}, {value:.0f}) accepted",
+    _COMMAND,
+    Argument("selector"),
+    Argument("value"),
+)
+COMMAND_REJECTED = _event(
+    702,
+    "COMMAND_REJECTED",
+    _WARNING,
+    "command {command:.0f} ({selector:.0f}) rejected: {result}, {detail:.0f}",
+    _COMMAND,
+    Argument("selector"),
+    Argument("result", choices=_names(CommandResult)),
+    Argument("detail"),
+)
+PARAMETER_SET = _event(
+    703, "PARAMETER_SET", _INFO, "parameter {parameter:.0f} set to {value:g}", Argument("parameter"), Argument("value")
+)
+PARAMETER_REFUSED = _event(
+    704,
+    "PARAMETER_REFUSED",
+    _WARNING,
+    "parameter {parameter:.0f} not set to {value:g}, error {error:.0f}",
+    Argument("parameter"),
+    Argument("value"),
+    Argument("error"),
+)
+
+# Tables.
+TABLE_ACTIVATED = _event(
+    801, "TABLE_ACTIVATED", _INFO, "table {table} active, version {version:.0f}", _TABLE, Argument("version")
+)
+TABLE_REJECTED = _event(
+    802, "TABLE_REJECTED", _WARNING, "table {table} rejected, error {error:.0f}", _TABLE, Argument("error")
+)
+TABLE_CORRUPT = _event(803, "TABLE_CORRUPT", _CRITICAL, "table {table}: the {copy} copy is damaged", _TABLE, _COPY)
+TABLE_REPAIRED = _event(804, "TABLE_REPAIRED", _INFO, "table {table}: the {copy} copy is good again", _TABLE, _COPY)
+
+# Memory.
+POOL_VIOLATION = _event(
+    901,
+    "POOL_VIOLATION",
+    _CRITICAL,
+    "the {eye} eye's pool: a frame given back twice, or foreign",
+    _EYE,
+)
+LEASES_OUTSTANDING = _event(902, "LEASES_OUTSTANDING", _WARNING, "{count:.0f} frames were not given back", _COUNT)
+POOL_DENIED = _event(903, "POOL_DENIED", _WARNING, "no free frame for the {eye} eye", _EYE)
+
+# Health.
+TASK_SILENT = _event(
+    1001, "TASK_SILENT", _WARNING, "task {task} shows no progress for {ticks:.0f} ticks", _TASK,
+    Argument("ticks", "tick"),
+)  # fmt: skip
+TASK_DEAD = _event(
+    1002, "TASK_DEAD", _CRITICAL, "task {task} is dead after {ticks:.0f} ticks", _TASK, Argument("ticks", "tick")
+)
+TASK_BACK = _event(1003, "TASK_BACK", _INFO, "task {task} makes progress again", _TASK)
+RESTARTED = _event(
+    1004,
+    "RESTARTED",
+    _WARNING,
+    "restart {count:.0f} for {cause}",
+    _COUNT,
+    Argument("cause", choices=_names(RestartCause)),
+)
+RESTARTS_SPENT = _event(
+    1005, "RESTARTS_SPENT", _CRITICAL, "{count:.0f} restarts are spent: inhibited until commanded", _COUNT
+)
+
+# Black box.
+BLACK_BOX_FROZEN = _event(
+    1101, "BLACK_BOX_FROZEN", _INFO, "black box {number:.0f} holds {count:.0f} ticks", Argument("number"), _COUNT
+)
+BLACK_BOX_WRITTEN = _event(1102, "BLACK_BOX_WRITTEN", _INFO, "black box {number:.0f} is written", Argument("number"))
+BLACK_BOX_FAILED = _event(
+    1103, "BLACK_BOX_FAILED", _WARNING, "black box {number:.0f} could not be written", Argument("number")
+)
 
 EVENTS: tuple[Event, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Event))
 EVENT_BY_NUMBER = {event.number: event for event in EVENTS}

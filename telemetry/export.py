@@ -29,7 +29,7 @@ def choice_names(point: Point) -> dict[int, str]:
     elif point.choices is not None:
         none = {0: "none"} if issubclass(point.choices, IntFlag) else {}
         names = none | {int(choice): (choice.name or "").lower() for choice in point.choices}
-    if point.kind is not Kind.REAL:
+    if point.kind not in (Kind.REAL, Kind.RAW):
         names[point.unavailable] = "not_available"
     return names
 

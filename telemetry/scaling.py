@@ -28,6 +28,8 @@ def encode(point: Point, value: float) -> int:
     if point.kind is Kind.REAL:
         code: int = struct.unpack("<I", struct.pack("<f", value))[0] if value == value else 0x7FC0_0000
         return code
+    if point.kind is Kind.RAW:
+        return int(value) & point.unavailable
     if value != value:
         return point.unavailable
     return round((value - point.minimum) / point.scale)
@@ -38,6 +40,8 @@ def decode(point: Point, code: int) -> float:
     if point.kind is Kind.REAL:
         real: float = struct.unpack("<f", struct.pack("<I", code))[0]
         return real
+    if point.kind is Kind.RAW:
+        return float(code)
     value = point.minimum + code * point.scale
     if code == point.unavailable or value > point.maximum + point.scale / 2:
         return math.nan
@@ -67,7 +71,7 @@ def readable(point: Point, value: float) -> Readable:
     """The value as JSON shows it: number, bool, name of the choice, list of flags' names, None for NaN."""
     if value != value:
         return None
-    if point.kind is Kind.COUNT:
+    if point.kind in (Kind.COUNT, Kind.RAW):
         return int(value)
     if point.kind is Kind.FLAG:
         return bool(value)
@@ -82,6 +86,7 @@ def json_type(point: Point) -> dict[str, Any]:
     """The JSON schema of what `readable` returns, None aside."""
     kinds: dict[Kind, dict[str, Any]] = {
         Kind.COUNT: {"type": "integer"},
+        Kind.RAW: {"type": "integer"},
         Kind.FLAG: {"type": "boolean"},
         Kind.CHOICE: {"type": "string"},
         Kind.BITS: {"type": "array", "items": {"type": "string"}},

@@ -60,12 +60,24 @@ class Edges:
         """Time of the latest edge."""
         return self.tick * self._period_ns
 
-    def wait(self) -> Edge | None:
-        self.tick += 1
-        while self.tick in self._gaps:
-            self.tick += 1
-        if self.tick >= self._count:
+    @property
+    def ended(self) -> bool:
+        return self._next() >= self._count
+
+    def _next(self) -> int:
+        tick = self.tick + 1
+        while tick in self._gaps:
+            tick += 1
+        return tick
+
+    def wait(self, until_ns: int | None = None) -> Edge | None:
+        tick = self._next()
+        if tick >= self._count:
             return None
+        if until_ns is not None and tick * self._period_ns > until_ns:
+            self._clock.sleep_until_ns(until_ns)
+            return None
+        self.tick = tick
         self._clock.sleep_until_ns(self.time_ns)
         return Edge(self.tick, self.time_ns)
 

@@ -1,9 +1,12 @@
 """A short run of the telemetry chain, for tests: a board that changes, all encoders, all files."""
 
 import math
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pymavlink
 
 from telemetry.board import Board, EventRecord
 from telemetry.can_codec import CanEncoder
@@ -35,6 +38,7 @@ from telemetry.dictionary import (
 from telemetry.events import LIMIT_RED, LOCK_ACQUIRED, MODE_CHANGED
 from telemetry.logs import CanLog, MavlinkLog
 from telemetry.mavlink_codec import MavlinkEncoder
+from telemetry.mavlink_dialect import dialect_xml
 from telemetry.recorder import Recorder
 
 TICKS_RUN = 31
@@ -107,3 +111,22 @@ def write_run(folder: Path) -> None:
                 can_log.write(time_ns, can_encoder, can_encoder.encode_event(record))
                 mavlink_log.write(time_ns, mavlink_encoder.encode_event(record))
                 recorder.event(record)
+
+
+def mavlink_environment(folder: Path) -> dict[str, str]:
+    """For MAVLink tools in a process of their own: the exported dialect, and a copy of pymavlink in this folder, for
+    the tools write the dialect's module into their own package."""
+    shipped = Path(pymavlink.__file__).parent
+    definitions = folder / "message_definitions" / "v1.0"
+    definitions.mkdir(parents=True)
+    for name in ("common.xml", "standard.xml", "minimal.xml"):
+        shutil.copy(shipped / "dialects" / "v20" / name, definitions)
+    (definitions / "wingbeat.xml").write_text(dialect_xml())
+    big = ("__pycache__", "v09", "v10", "ardupilotmega*", "all.*", "development.*", "tests", "wingbeat*")
+    shutil.copytree(shipped, folder / "pymavlink", ignore=shutil.ignore_patterns(*big))
+    return os.environ | {
+        "MAVLINK20": "1",
+        "MDEF": str(definitions.parent),
+        "MAVLINK_DIALECT": "wingbeat",
+        "PYTHONPATH": str(folder),
+    }

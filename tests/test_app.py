@@ -191,6 +191,7 @@ def test_frames_that_stay_away_lead_to_hold_and_back_to_track(footage: Footage, 
     ]
 
 
+@pytest.mark.requirement("WB-VIS-07")
 def test_the_lock_is_lost_when_the_wing_leaves_and_nothing_is_made_up(footage: Footage, tmp_path: Path) -> None:
     with flying(footage, tmp_path, 30, both_eyes(range(12, 30), black)) as app:
         heard = listen(app)
@@ -205,6 +206,7 @@ def test_the_lock_is_lost_when_the_wing_leaves_and_nothing_is_made_up(footage: F
     assert (lost.tick, lost.arguments) == (14, (0,))
 
 
+@pytest.mark.requirement("WB-VIS-07")
 def test_a_wing_that_was_lost_is_found_again(footage: Footage, tmp_path: Path) -> None:
     with flying(footage, tmp_path, 40, both_eyes(range(12, 20), black)) as app:
         while app.step():
@@ -212,6 +214,7 @@ def test_a_wing_that_was_lost_is_found_again(footage: Footage, tmp_path: Path) -
         assert app.state.mode is TRACK and app.state.board.get(MATCHED) > 250
 
 
+@pytest.mark.requirement("WB-APP-06")
 def test_the_last_good_value_stays_marked_not_valid_with_its_age_when_the_images_go_dark(tmp_path: Path) -> None:
     dark = 105
     footage = Footage(small(dark / 15.0))
@@ -303,6 +306,7 @@ def stopped(still: Footage, tmp_path_factory: pytest.TempPathFactory) -> list[Sh
     return rows
 
 
+@pytest.mark.requirement("WB-APP-06")
 def test_an_estimate_without_a_valid_mode_leaves_the_last_good_one_held_and_ageing(stopped: list[Shown]) -> None:
     assert stopped[STOP].validity == 1 and not stopped[STOP].held
     # While the record still holds some of the motion, a mode may be good again; once it holds none, nothing is.
@@ -317,11 +321,13 @@ def test_an_estimate_without_a_valid_mode_leaves_the_last_good_one_held_and_agei
     assert held[-1].observable == 0  # first the motion fits no decay; in the end there is none
 
 
+@pytest.mark.requirement("WB-APP-06")
 def test_a_held_estimate_that_is_stale_stays_stale(stopped: list[Shown]) -> None:
     stale = [bool((row.flags[0] or ModeFlag(0)) & ModeFlag.STALE) for row in stopped if row.held]
     assert any(stale) and all(stale[stale.index(True) :])
 
 
+@pytest.mark.requirement("WB-APP-07")
 def test_no_mode_that_is_marked_valid_is_wrong_when_the_motion_ends_inside_the_record(stopped: list[Shown]) -> None:
     for row in stopped:
         for slot in (slot for slot in range(8) if row.valid[slot]):

@@ -44,11 +44,13 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
+@pytest.mark.requirement("WB-APP-03")
 def test_a_missing_image_is_named(sequence: Path) -> None:
     (sequence / "right" / "000002.png").unlink()
     assert "right" in replay(sequence)
 
 
+@pytest.mark.requirement("WB-APP-03")
 def test_a_broken_image_is_named(sequence: Path) -> None:
     image = sequence / "left" / "000001.png"
     image.write_bytes(image.read_bytes()[:5000])
@@ -95,12 +97,14 @@ def test_a_wing_out_of_view_is_said_to_be(sequence: Path) -> None:
         ("sequence.toml", "rate_hz = 15", "rate_hz 15", "TOML"),
     ],
 )
+@pytest.mark.requirement("WB-APP-03")
 def test_a_wrong_key_or_value_is_named(sequence: Path, name: str, old: str, new: str, said: str) -> None:
     edit(sequence / name, old, new)
     line = replay(sequence)
     assert said in line and name in line
 
 
+@pytest.mark.requirement("WB-APP-03")
 def test_a_folder_that_is_no_run_is_not_touched(sequence: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine"
     mine.mkdir()

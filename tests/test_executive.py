@@ -1,9 +1,9 @@
 """The executive keeps the schedule, delivers at fixed ticks at any speed, and counts what goes wrong."""
 
 import threading
-from collections.abc import Iterable
 
 import pytest
+from executive_parts import PERIOD_NS, WAIT_S, Edges, Frame, Long, fly, slot
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,75 +12,9 @@ from fsw.executive.executive import Executive
 from fsw.executive.schedule import Refusal, check_schedule, hyperperiod, releases
 from fsw.tables.flight import TaskSlot, load_flight
 from hal.drivers.lockstep_clock import LockstepClock
-from hal.trigger import Edge
-
-PERIOD_NS = 1_000_000
-WAIT_S = 10.0
 
 
-class Edges:
-    """A trigger with given tick numbers."""
-
-    def __init__(self, ticks: Iterable[int]) -> None:
-        self._ticks = iter(ticks)
-
-    def wait(self) -> Edge | None:
-        tick = next(self._ticks, None)
-        return None if tick is None else Edge(tick, tick * PERIOD_NS)
-
-
-class Frame:
-    def __init__(self, name: str, log: list[tuple[str, int]]) -> None:
-        self.name, self.log = name, log
-
-    def init(self) -> None:
-        self.log.append((f"{self.name}.init", -1))
-
-    def run(self, tick: int, time_ns: int) -> None:
-        assert time_ns == tick * PERIOD_NS
-        self.log.append((self.name, tick))
-
-
-class Long:
-    """A long task; `hold` keeps its work from ending, `idle` ticks have nothing to do."""
-
-    def __init__(self, name: str, log: list[tuple[str, int]], idle: Iterable[int] = ()) -> None:
-        self.name, self.log, self.idle = name, log, set(idle)
-        self.hold = threading.Event()
-        self.hold.set()
-        self.worked: list[tuple[int, str]] = []
-        self.taken = self.result = -1
-
-    def init(self) -> None:
-        self.log.append((f"{self.name}.init", -1))
-
-    def take(self, tick: int) -> bool | None:
-        if tick in self.idle:
-            return False
-        self.taken = tick
-        self.log.append((f"{self.name}.take", tick))
-        return None
-
-    def work(self) -> None:
-        assert self.hold.wait(WAIT_S)
-        self.result = self.taken
-        self.worked.append((self.taken, threading.current_thread().name))
-
-    def deliver(self, tick: int) -> None:
-        self.log.append((f"{self.name}.deliver {self.result}", tick))
-
-
-def slot(task: str, period: int = 1, phase: int = 0, latency: int = 0, budget_ms: float = 1.0) -> TaskSlot:
-    return TaskSlot(task, budget_ms, period, phase, latency)
-
-
-def fly(
-    slots: list[TaskSlot], tasks: list[FrameTask | LongTask], ticks: Iterable[int], lockstep: bool = True
-) -> Executive:
-    by_name = {task.name: task for task in tasks}
-    return Executive(slots, by_name, Edges(ticks), LockstepClock(), PERIOD_NS, lockstep)
-
-
+@pytest.mark.requirement("WB-EXE-01")
 def test_tasks_run_at_their_ticks_in_the_order_of_the_table() -> None:
     log: list[tuple[str, int]] = []
     executive = fly([slot("b"), slot("a", 3, 1)], [Frame("a", log), Frame("b", log)], range(5))
@@ -90,6 +24,7 @@ def test_tasks_run_at_their_ticks_in_the_order_of_the_table() -> None:
     assert (executive.ticks, executive.missed_ticks, executive.overruns) == (5, 0, 0)
 
 
+@pytest.mark.requirement("WB-EXE-02")
 @pytest.mark.parametrize("latency", [0, 1, 2, 3])
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_a_long_tasks_result_appears_exactly_at_its_tick(latency: int, lockstep: bool) -> None:
@@ -111,6 +46,7 @@ def test_a_long_tasks_result_appears_exactly_at_its_tick(latency: int, lockstep:
     assert {name for _, name in long.worked} == {f"worker-{long.name}" if latency else "MainThread"}
 
 
+@pytest.mark.requirement("WB-EXE-02")
 def test_lockstep_waits_for_a_slow_worker_and_real_pace_gives_the_same_when_it_keeps_up() -> None:
     def run(lockstep: bool) -> list[tuple[str, int]]:
         log: list[tuple[str, int]] = []
@@ -130,6 +66,7 @@ def test_lockstep_waits_for_a_slow_worker_and_real_pace_gives_the_same_when_it_k
     assert run(True) == run(False)
 
 
+@pytest.mark.requirement("WB-EXE-03")
 def test_at_real_pace_a_late_result_is_an_overrun_and_never_used() -> None:
     log: list[tuple[str, int]] = []
     long = Long("long", log)
@@ -152,6 +89,7 @@ def test_at_real_pace_a_late_result_is_an_overrun_and_never_used() -> None:
     assert executive.counts("long") == (2, 1, 1, 1)
 
 
+@pytest.mark.requirement("WB-EXE-11")
 def test_missed_edges_are_counted_with_the_releases_lost_and_results_come_at_the_next_tick() -> None:
     log: list[tuple[str, int]] = []
     tasks: list[FrameTask | LongTask] = [Frame("frame", log), Long("long", log)]
@@ -177,11 +115,11 @@ def test_an_error_on_the_worker_comes_out_on_the_tick_thread_at_the_delivery() -
         def work(self) -> None:
             raise ArithmeticError("singular")
 
-    executive = fly([slot("long", 2, 0, 1)], [Broken("long", [])], range(6))
+    executive = fly([slot("broken", 2, 0, 1)], [Broken("broken", [])], range(6))
     with pytest.raises(ArithmeticError, match="singular"):
         executive.run()
     assert executive.tick == 1
-    assert not any(thread.name.startswith("worker-") for thread in threading.enumerate())
+    assert not any(thread.name == "worker-broken" for thread in threading.enumerate())
 
 
 def test_several_long_tasks_work_side_by_side() -> None:
@@ -203,7 +141,7 @@ def test_a_tick_that_takes_longer_than_a_period_is_an_overrun() -> None:
 
     executive = Executive([slot("slow")], {"slow": Slow("slow", [])}, Edges(range(3)), clock, PERIOD_NS)
     executive.run()
-    assert executive.tick_overruns == 2  # tick 1, and tick 2, which began late
+    assert executive.overruns == 2  # tick 1, and tick 2, which began late
     assert executive.release_jitter.summary().max_ms == 2.0
 
 
@@ -229,6 +167,7 @@ def test_releases_counts_ticks_one_by_one(period: int, phase: int, first: int, l
     assert releases(row, first, first + length - 1) == brute
 
 
+@pytest.mark.requirement("WB-EXE-04")
 @pytest.mark.parametrize(
     ("slots", "refusal"),
     [
@@ -245,14 +184,18 @@ def test_releases_counts_ticks_one_by_one(period: int, phase: int, first: int, l
         ([slot("a", 59), slot("b", 61), slot("c", 2)], Refusal.HYPERPERIOD),
         ([slot("a", budget_ms=30.0), slot("b", 2, 1, budget_ms=30.0)], Refusal.OVERLOAD),
         ([slot("a", 5, 0, 4, 330.0), slot("b", 5, 0, 4, 120.0)], Refusal.WORKER_OVERLOAD),
+        ([slot("b")], Refusal.MISSING_TASK),
+        ([slot("a"), slot("c", 4, 0, 2)], Refusal.BAD_LATENCY),
     ],
 )
 def test_each_reason_to_refuse_a_schedule_has_its_code(slots: list[TaskSlot], refusal: Refusal) -> None:
-    findings = check_schedule(slots, "abc", tick_ms=66.7)
+    required = "a" if refusal is Refusal.MISSING_TASK else ""
+    findings = check_schedule(slots, "abc", tick_ms=66.7, required=required, within_tick="c")
     assert {finding.refusal for finding in findings} == {refusal}
     assert all(finding.text for finding in findings)
 
 
+@pytest.mark.requirement("WB-EXE-04")
 def test_load_is_judged_at_the_fullest_tick_and_only_at_real_pace() -> None:
     apart = [slot("a", 2, 0, budget_ms=50.0), slot("b", 2, 1, budget_ms=50.0)]
     together = [slot("a", 2, 0, budget_ms=50.0), slot("b", 2, 0, budget_ms=50.0)]

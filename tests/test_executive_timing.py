@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from fsw.executive.timing import BINS, Timing
 
 
+@pytest.mark.requirement("WB-EXE-12")
 @given(st.lists(st.integers(0, 50_000_000), min_size=2, max_size=60))
 def test_statistics_are_those_of_numpy(elapsed_ns: list[int]) -> None:
     timing = Timing(budget_ms=8.0)

@@ -27,12 +27,14 @@ TABLE: dict[Cause, tuple[FlightMode, ...]] = {
 }  # fmt: skip
 
 
+@pytest.mark.requirement("WB-FLT-05")
 @pytest.mark.parametrize("cause", Cause)
 @pytest.mark.parametrize("mode", FlightMode)
 def test_every_mode_with_every_cause(mode: FlightMode, cause: Cause) -> None:
     assert next_mode(mode, cause) is TABLE[cause][COLUMNS.index(mode)]
 
 
+@pytest.mark.requirement("WB-FLT-05")
 @pytest.mark.parametrize("mode", FlightMode)
 def test_of_several_causes_the_first_that_the_mode_answers_decides(mode: FlightMode) -> None:
     column = COLUMNS.index(mode)
@@ -58,6 +60,14 @@ def test_every_mode_can_be_reached_and_left() -> None:
     assert all(TRANSITIONS[mode] for mode in FlightMode)
 
 
+@pytest.mark.requirement("WB-FLT-05")
+def test_no_command_gets_past_a_limit_that_inhibits() -> None:
+    for command in (Cause.ENABLE, Cause.TEST_BEGIN, Cause.TEST_END):
+        for mode in FlightMode:
+            assert next_mode(mode, Cause.INHIBIT | command) is INHIBITED
+
+
+@pytest.mark.requirement("WB-FLT-06")
 def test_an_estimate_may_be_valid_while_tracking_only() -> None:
     assert [mode for mode in FlightMode if may_be_valid(mode)] == [TRACK]
     assert [mode for mode in FlightMode if measures(mode)] == [TRACK, DEGRADED]

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import wingbeat
 from mcap.reader import make_reader
+from telemetry_run import mavlink_environment
 
 from telemetry.dictionary import (
     AMPLITUDE_COHERENCE,
@@ -25,7 +25,6 @@ from telemetry.dictionary import (
     VALID,
 )
 from telemetry.export import dbc_text
-from telemetry.mavlink_dialect import dialect_xml
 
 LOCK = 5  # the search begins at tick 0, and its result appears so many ticks later
 
@@ -50,6 +49,7 @@ def payloads(path: Path) -> list[tuple[str, int, bytes]]:
         return [(c.topic, m.log_time, m.data) for _, c, m in make_reader(file).iter_messages()]
 
 
+@pytest.mark.requirement("WB-APP-01")
 def test_the_true_modes_are_found_and_no_other_one_is_valid(small_run: Path) -> None:
     summary = json.loads((small_run / "summary.json").read_text())
     valid = [mode for mode in read_modes(small_run)["modes"] if mode["valid"]]
@@ -59,6 +59,7 @@ def test_the_true_modes_are_found_and_no_other_one_is_valid(small_run: Path) -> 
         assert mode["damping_ratio"] == pytest.approx(true["damping_ratio"], rel=0.03)
 
 
+@pytest.mark.requirement("WB-VIS-04")
 def test_every_cell_is_followed_to_a_hundredth_of_a_millimetre(small_run: Path) -> None:
     against = json.loads((small_run / "summary.json").read_text())["against_truth"]
     assert against["cells"] >= 250
@@ -94,12 +95,14 @@ def assert_same_bytes(one: Path, two: Path) -> None:
         assert all(np.array_equal(first[key], second[key], equal_nan=True) for key in first.files)
 
 
+@pytest.mark.requirement("WB-APP-02")
 def test_another_process_sends_the_same_bytes(small_run: Path, tmp_path: Path) -> None:
     wingbeat("sil", "small", "--duration", "8", "--out", tmp_path / "again")
     assert_same_bytes(tmp_path / "again", small_run)
 
 
 @pytest.mark.alone
+@pytest.mark.requirement("WB-APP-02")
 def test_real_pace_sends_the_same_bytes_as_lockstep(small_run: Path, tmp_path: Path) -> None:
     for attempt in range(3):
         run = tmp_path / f"real{attempt}"
@@ -116,6 +119,7 @@ def test_another_seed_sends_other_bytes(small_run: Path, tmp_path: Path) -> None
     assert (tmp_path / "other" / "quality.csv").read_text().splitlines()[1:20] != ours
 
 
+@pytest.mark.requirement("WB-APP-04")
 def test_cantools_reads_the_log_and_agrees_with_modes_json(small_run: Path, tmp_path: Path) -> None:
     dbc = tmp_path / "wingbeat.dbc"
     dbc.write_text(dbc_text())
@@ -143,18 +147,14 @@ def test_cantools_reads_the_log_and_agrees_with_modes_json(small_run: Path, tmp_
             assert value == pytest.approx(float(mode[point.name]), abs=point.scale), (slot, point.name)
 
 
+@pytest.mark.requirement("WB-APP-04")
 def test_mavlogdump_reads_the_log_and_agrees_with_modes_json(small_run: Path, tmp_path: Path) -> None:
-    source = Path(__import__("pymavlink").__file__).parent / "dialects" / "v20"
-    folder = tmp_path / "message_definitions" / "v1.0"
-    folder.mkdir(parents=True)
-    for name in ("common.xml", "standard.xml", "minimal.xml"):
-        (folder / name).write_bytes((source / name).read_bytes())
-    (folder / "wingbeat.xml").write_text(dialect_xml())
-    environment = os.environ | {"MAVLINK20": "1", "MDEF": str(tmp_path / "message_definitions")}
+    environment = mavlink_environment(tmp_path)
     command = [sys.executable, "-m", "pymavlink.tools.mavlogdump", "--dialect=wingbeat", "--format=json"]
     done = subprocess.run(
-        [*command, str(small_run / "mavlink.tlog")], capture_output=True, text=True, timeout=120, env=environment
-    )
+        [*command, str(small_run / "mavlink.tlog")], capture_output=True, text=True, timeout=120, env=environment,
+        cwd=tmp_path,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     messages = [json.loads(line) for line in done.stdout.splitlines()]
     last = {m["data"]["slot"]: m["data"] for m in messages if m["meta"]["type"] == "WINGBEAT_MODE"}
@@ -163,6 +163,7 @@ def test_mavlogdump_reads_the_log_and_agrees_with_modes_json(small_run: Path, tm
             assert last[slot][point.name] == pytest.approx(float(mode[point.name]), rel=1e-6, abs=point.scale)
 
 
+@pytest.mark.requirement("WB-APP-04")
 def test_the_mcap_reader_reads_the_recording_and_agrees_with_modes_json(small_run: Path) -> None:
     records = payloads(small_run / "flight.mcap")
     slots = json.loads([data for topic, _, data in records if topic == "/mode"][-1])["slots"]

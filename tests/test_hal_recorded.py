@@ -77,6 +77,7 @@ def test_a_gap_in_the_triggers_is_ticks_without_frames(images: tuple[list[Path],
     assert ticks[2][3] == [FrameStatus.MISSING] * 2
 
 
+@pytest.mark.requirement("WB-HAL-01")
 def test_one_eyes_dropped_frame_does_not_shift_its_pairs(images: tuple[list[Path], list[Path]], tmp_path: Path) -> None:
     stamps = tmp_path / "timestamps.csv"
     left, right = [0, 1, 2, 3, 4], [0, 2, 3, 4, 5]  # the right eye lost trigger 1, the left one trigger 5
@@ -177,6 +178,7 @@ def truncated(path: Path) -> None:
         (lambda path: path.unlink(), "cannot read this image"),
     ],
 )
+@pytest.mark.requirement("WB-HAL-02")
 def test_a_bad_image_is_refused_before_the_first_tick(
     images: tuple[list[Path], list[Path]], spoil: Callable[[Path], object], message: str
 ) -> None:
@@ -186,6 +188,7 @@ def test_a_bad_image_is_refused_before_the_first_tick(
     assert "000003.png" in str(caught.value)
 
 
+@pytest.mark.requirement("WB-HAL-02")
 def test_a_damaged_image_is_refused_when_it_is_read_and_the_decoder_stays_silent(
     images: tuple[list[Path], list[Path]], capfd: pytest.CaptureFixture[str]
 ) -> None:

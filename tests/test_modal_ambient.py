@@ -55,6 +55,7 @@ def test_ambient_modes_are_found_within_their_intervals():
 
 @pytest.mark.parametrize("kind", ["auto", "decay", "ambient"])
 @pytest.mark.parametrize("channels", [1, 20])
+@pytest.mark.requirement("WB-MOD-04")
 def test_noise_holds_no_valid_mode(kind, channels):
     for seed in range(3):
         y = np.random.default_rng(seed).standard_normal((400, channels))

@@ -35,6 +35,7 @@ def runs():
     return table
 
 
+@pytest.mark.requirement("WB-MOD-01")
 def test_no_mode_is_missed_none_is_spurious_and_errors_are_near_the_cramer_rao_bound(runs):
     pooled = np.concatenate([bound.ravel() for bound, _ in runs.values()])
     assert np.median(np.abs(pooled)) / 0.674 < 1.25
@@ -42,6 +43,7 @@ def test_no_mode_is_missed_none_is_spurious_and_errors_are_near_the_cramer_rao_b
         assert np.max(np.abs(bound)) < 4.5
 
 
+@pytest.mark.requirement("WB-MOD-02")
 def test_intervals_of_95_per_cent_cover_about_95_per_cent(runs):
     pooled = np.concatenate([sigma.ravel() for _, sigma in runs.values()])
     assert 0.89 <= np.mean(np.abs(pooled) < 1.96) <= 0.99
@@ -77,6 +79,7 @@ def test_information_of_the_fit_is_the_curvature_of_the_cost():
         assert (sum(moved) - 2 * fit.cost) / (2 * step**2) == pytest.approx(fit.information[k, k], rel=0.03)
 
 
+@pytest.mark.requirement("WB-MOD-03")
 def test_dropped_frames_and_jitter_cost_nothing_with_true_time_stamps():
     rng = np.random.default_rng(4)
     time_s = np.arange(600) / 20.0
@@ -113,6 +116,7 @@ def test_flight_records_give_three_modes_and_no_echo_of_them(ticks, limits):
     assert np.allclose([m.damping_ratio for m in valid[1:]], [0.009, 0.008], rtol=0.1)
 
 
+@pytest.mark.requirement("WB-MOD-04")
 def test_strong_echoes_at_multiples_and_sums_are_named_and_not_valid():
     found = identify(*flight(300, 3, echo=6e-3))
     assert len(found.valid_modes) == 3
@@ -131,6 +135,7 @@ def test_least_amplitude_of_interest_can_be_set():
     assert [round(m.frequency_hz, 1) for m in found.valid_modes] == [0.7]
 
 
+@pytest.mark.requirement("WB-MOD-04")
 def test_a_frequency_that_moves_is_flagged_and_its_damping_withheld():
     time_s = np.arange(400) / 20.0
     for seed in range(4):
@@ -141,6 +146,7 @@ def test_a_frequency_that_moves_is_flagged_and_its_damping_withheld():
         assert "time_varying" not in steady.flags
 
 
+@pytest.mark.requirement("WB-MOD-04")
 def test_a_lamp_line_is_a_harmonic_and_leaves_the_modes_alone():
     time_s, _, noisy, _, _ = published("D2", 2)
     lamp = 0.8 * np.cos(2.0 * np.pi * 1.7 * time_s)[:, None] * np.linspace(0.2, 1.0, 20)
@@ -149,6 +155,7 @@ def test_a_lamp_line_is_a_harmonic_and_leaves_the_modes_alone():
     assert np.allclose([m.frequency_hz for m in found.valid_modes], [0.72, 3.0, 4.2], rtol=3e-4)
 
 
+@pytest.mark.requirement("WB-MOD-04")
 def test_a_mode_that_may_be_an_alias_is_not_valid():
     time_s = np.arange(160) / 8.0
     found = identify(time_s, free_decay({"B1": 0.72, "B2": 4.2}, time_s, (5, 4), 0.2, 3)[1])
@@ -156,6 +163,7 @@ def test_a_mode_that_may_be_an_alias_is_not_valid():
     assert found.modes[-1].flags == ["near_nyquist"] and "near_nyquist" in found.flags
 
 
+@pytest.mark.requirement("WB-MOD-04")
 def test_drift_is_no_mode():
     time_s, _, noisy, _, _ = published("D2", 2)
     drift = (0.5 * time_s - 0.02 * time_s**2)[:, None] * np.linspace(0.2, 1.0, 20)

@@ -8,6 +8,7 @@ from sim.motion import Oscillator, free_decay, stationary_random, tip_motion
 BENDING = Oscillator(0.7146, 0.006, 25.0, "decay", 0.4)
 
 
+@pytest.mark.requirement("WB-SIM-03")
 def test_a_decay_solves_its_equation_of_motion() -> None:
     step = 1e-4
     t = np.arange(0.0, 3.0, step)
@@ -27,6 +28,7 @@ def test_a_decay_starts_at_its_amplitude_and_loses_it_as_its_damping_says() -> N
     assert np.log(q[0] / q[1]) == pytest.approx(decrement, rel=1e-9)
 
 
+@pytest.mark.requirement("WB-SIM-03")
 def test_random_motion_is_stationary_from_the_first_sample() -> None:
     mode = Oscillator(0.7, 0.01, 2.0, "random")
     draw = np.random.default_rng(5)

@@ -16,6 +16,7 @@ def replayed(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
+@pytest.mark.requirement("WB-VIS-05")
 def test_nearly_all_cells_are_measured_under_their_right_names(recordings: Path, replayed: Path) -> None:
     truth = np.load(recordings / "wing_close" / "truth.npz")
     points = np.load(replayed / "points.npz")
@@ -42,12 +43,14 @@ def test_modes_are_right_after_five_seconds(recordings: Path, replayed: Path) ->
     assert [m["damping_ratio"] for m in valid] == pytest.approx(truth["zeta"], rel=0.05)
 
 
+@pytest.mark.requirement("WB-MOD-05")
 def test_the_slab_has_its_mode(recordings: Path) -> None:
     done = wingbeat("identify", recordings / "records" / "slab.npz", "--json", "-")
     valid = [mode["frequency_hz"] for mode in json.loads(done.stdout)["modes"] if mode["valid"]]
     assert any(17.6 <= f <= 18.1 for f in valid)
 
 
+@pytest.mark.requirement("WB-MOD-05")
 def test_forced_lines_are_no_modes(recordings: Path) -> None:
     done = wingbeat("identify", recordings / "records" / "shear_frame.npz", "--json", "-")
     for mode in json.loads(done.stdout)["modes"]:

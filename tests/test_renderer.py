@@ -154,6 +154,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.requirement("WB-SIM-01")
 def test_edges_lie_where_brute_force_puts_them(case: str) -> None:
     scenario, windows = CASES[case]
     world = World(scenario)

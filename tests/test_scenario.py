@@ -26,6 +26,7 @@ def world() -> World:
     return World(load_scenario("small"))
 
 
+@pytest.mark.requirement("WB-SIM-04")
 def test_the_paper_s_rig_has_its_baseline_and_its_axes_cross_in_front() -> None:
     _, right = true_eyes(load_scenario("paper"))
     np.testing.assert_allclose(right.rotation @ right.rotation.T, np.eye(3), atol=1e-14)

@@ -24,6 +24,7 @@ def hinged() -> Modes:
     return solve_modes(replace(ALUMINIUM, hinge_nm_per_rad=500.0), 3)
 
 
+@pytest.mark.requirement("WB-SIM-02")
 def test_a_strip_without_poisson_effect_is_a_cantilever_beam() -> None:
     strip = replace(ALUMINIUM, width_mm=40.0, poisson=0.0)
     modes = solve_modes(strip, 3, elements_y=1)
@@ -42,6 +43,7 @@ def test_a_strip_bends_in_the_beam_s_first_shape() -> None:
     np.testing.assert_allclose(shape, beam, atol=1e-5)
 
 
+@pytest.mark.requirement("WB-SIM-02")
 def test_the_paper_s_plate_has_the_paper_s_finite_element_frequency() -> None:
     assert solve_modes(ALUMINIUM, 1).frequency_hz[0] == pytest.approx(0.66573, rel=5e-4)
 

@@ -231,10 +231,13 @@ def test_a_flight_file_replaces_only_what_it_gives(tmp_path: Path) -> None:
         ("identify = 3\n", "identify = 3; expected table, got int"),
         ("schedule = []\n", "schedule = "),
         (
-            '[[limit]]\npoint = "cmpp"\nper = "frame"\nset_after = 1\nclear_after = 1\nlow_red = 0.5\n',
+            '[[limit]]\nnumber = 1\npoint = "cmpp"\nper = "frame"\nset_after = 1\nclear_after = 1\nlow_red = 1.0\n',
             "no point is called",
         ),
-        ('[[limit]]\npoint = "cmp"\nper = "frame"\nset_after = 0\nclear_after = 1\n', r"limit\[0\].set_after = 0"),
+        (
+            '[[limit]]\nnumber = 1\npoint = "cmp"\nper = "frame"\nset_after = 0\nclear_after = 1\n',
+            r"limit\[0\].set_after = 0",
+        ),
     ],
 )
 def test_a_wrong_flight_file_is_one_clear_line(tmp_path: Path, text: str, message: str) -> None:

@@ -15,6 +15,7 @@ from telemetry.declaration import Kind
 from telemetry.dictionary import (
     AMPLITUDE_MM,
     DROPS_MISSING,
+    DUMP_WORDS,
     EPOCH_US,
     EVENT_ARGUMENT_POINTS,
     FLAGS,
@@ -95,11 +96,17 @@ def test_a_value_out_of_range_saturates_and_never_wraps(point, value):
         assert back == pytest.approx(point.maximum if value > 0 else point.minimum, abs=1e-9)
 
 
-@pytest.mark.parametrize("point", ALL_POINTS, ids=lambda point: point.name)
+@pytest.mark.parametrize("point", [p for p in ALL_POINTS if p.kind is not Kind.RAW], ids=lambda point: point.name)
 def test_not_available_stays_not_available(point):
     assert clip(point, math.nan)[1] is False
     assert math.isnan(decode(point, encode(point, math.nan)))
     assert readable(point, math.nan) is None
+
+
+@pytest.mark.parametrize("code", [0, 1, 0x123456789ABC, (1 << 48) - 1])
+def test_raw_data_has_no_code_that_means_not_available(code):
+    assert encode(DUMP_WORDS[0], float(code)) == code
+    assert decode(DUMP_WORDS[0], code) == code
 
 
 def test_codes_beyond_the_range_and_choices_that_nobody_made_are_not_available():

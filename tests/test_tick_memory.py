@@ -139,6 +139,7 @@ def test_the_watch_sees_arrays_that_live_for_a_moment() -> None:
     assert watch.seen[0][1].startswith("test_tick_memory.py:") and b[0] == 3.0
 
 
+@pytest.mark.requirement("WB-APP-05")
 def test_no_array_is_taken_on_the_tick_path_not_even_for_a_moment(footage: Footage, tmp_path: Path) -> None:
     watch = ArrayWatch()
     with logging(footage, tmp_path) as outlets, flying(footage, tmp_path, TICKS, outlets=outlets) as app:
@@ -151,6 +152,7 @@ def test_no_array_is_taken_on_the_tick_path_not_even_for_a_moment(footage: Foota
     assert Counter(entry for entry in watch.seen if entry[0] > SCALAR_BYTES) == {}
 
 
+@pytest.mark.requirement("WB-APP-05")
 def test_tracemalloc_sees_no_array_that_stays(footage: Footage, tmp_path: Path) -> None:
     # The search is over before the first look, and the next identification begins after the second one.
     flight = shipped(schedule={"identify": {"period_ticks": 400, "phase_ticks": 399}})
@@ -173,6 +175,7 @@ def test_tracemalloc_sees_no_array_that_stays(footage: Footage, tmp_path: Path) 
     assert [str(line) for line in after.compare_to(before, "lineno") if line.size_diff] == []
 
 
+@pytest.mark.requirement("WB-APP-05")
 def test_kernels_give_back_what_they_take(footage: Footage, tmp_path: Path) -> None:
     _nrt_python.memsys_enable_stats()
     with flying(footage, tmp_path, 60) as app:
@@ -183,6 +186,7 @@ def test_kernels_give_back_what_they_take(footage: Footage, tmp_path: Path) -> N
     assert len(set(held[20:])) == 1, held
 
 
+@pytest.mark.requirement("WB-APP-05")
 def test_the_process_does_not_grow_over_two_thousand_ticks(coarse: Footage, tmp_path: Path) -> None:
     # The record is full, and so the identification at its largest, before the warm-up ends.
     flight = shipped(identify={"history_ticks": 100}, schedule={"identify": {"period_ticks": 20}})

@@ -67,6 +67,7 @@ POSES = [
 
 
 @pytest.mark.parametrize(("shift_mm", "turn_deg"), POSES)
+@pytest.mark.requirement("WB-VIS-01")
 def test_every_name_is_right_though_the_pose_is_off_by_more_than_a_row(
     shift_mm: tuple[float, float, float], turn_deg: tuple[float, float, float]
 ) -> None:
@@ -90,11 +91,13 @@ LIGHTS = {
 
 
 @pytest.mark.parametrize("case", LIGHTS)
+@pytest.mark.requirement("WB-VIS-03")
 def test_light_background_and_lens_do_not_matter(case: str) -> None:
     scene = _scene(**LIGHTS[case])
     _assert_right(scene, _acquire(scene, (12.0, 15.0, -10.0), (1.0, -1.0, 1.0)), recall=0.75)
 
 
+@pytest.mark.requirement("WB-VIS-01")
 def test_a_row_that_one_eye_has_lost_does_not_shift_the_others() -> None:
     scene = _scene(t=_scene().t + np.array([0.0, 45.0, 0.0]))
     rows = [set(scene.grid.cell[scene.visible(eye), 2].tolist()) for eye in (0, 1)]
@@ -109,6 +112,7 @@ def test_a_wing_beyond_the_tolerance_is_not_forced_into_it(shift_mm: tuple[float
     assert not found.seen.any()
 
 
+@pytest.mark.requirement("WB-VIS-03")
 def test_glints_leave_holes_and_no_wrong_name() -> None:
     scene = _scene(gloss=lambda x, y: 1.5 * np.exp(-((x - 740.0) ** 2 + (y - 60.0) ** 2) / (2 * 40.0**2)))
     _assert_right(scene, _acquire(scene, (-10.0, -15.0, 5.0)), recall=0.75)
@@ -123,6 +127,7 @@ def test_the_whole_wing_of_another_grid_far_off_at_45_degrees() -> None:
     _assert_right(scene, _acquire(scene, (15.0, -15.0, 10.0), (1.0, 1.0, -1.0)), recall=0.8)
 
 
+@pytest.mark.requirement("WB-VIS-02")
 def test_no_border_and_no_gap_in_view_is_refused_unless_the_pose_is_known_well() -> None:
     rig = paper_rig(1024)
     narrow = rig.intrinsics * np.array([1.8, 1.8, 1.0, 1.0])
@@ -159,6 +164,7 @@ def test_an_empty_sky_and_a_wing_out_of_view_are_said_to_be_so() -> None:
     assert "no part of the wing" in acquire(dark, dark, scene.rig, scene.grid, away).reason
 
 
+@pytest.mark.requirement("WB-VIS-02")
 def test_a_transposed_stereo_rotation_is_never_accepted() -> None:
     scene = _scene()
     rig = StereoRig(

@@ -47,6 +47,7 @@ def test_enhancement_straightens_queues_and_raises_char() -> None:
     assert before < 0.9 < after
 
 
+@pytest.mark.requirement("WB-VIS-06")
 def test_char_gives_the_papers_values_for_the_variances_that_they_need() -> None:
     assert char(914.0, 914.0) == pytest.approx(0.9091, abs=2e-4)
     assert char(7070.0, 7070.0) == pytest.approx(0.4665, abs=3e-4)

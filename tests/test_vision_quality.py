@@ -16,6 +16,7 @@ PAPER = {
 
 
 @pytest.mark.parametrize("method", PAPER)
+@pytest.mark.requirement("WB-VIS-06")
 def test_tables_4_and_5_come_out_with_one_panels_234_points(method: str) -> None:
     detected, correct, mu, char, cmp = PAPER[method]
     quality = match_quality(234, detected, correct)

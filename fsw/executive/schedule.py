@@ -44,6 +44,7 @@ class Refusal(IntEnum):
     HYPERPERIOD = 8
     OVERLOAD = 9
     WORKER_OVERLOAD = 10
+    MISSING_TASK = 11
 
 
 class Finding(NamedTuple):
@@ -54,20 +55,32 @@ class Finding(NamedTuple):
     text: str
 
 
-def check_schedule(schedule: Sequence[Slot], known: Collection[str], tick_ms: float | None = None) -> list[Finding]:
+def check_schedule(
+    schedule: Sequence[Slot],
+    known: Collection[str],
+    tick_ms: float | None = None,
+    required: Collection[str] = (),
+    within_tick: Collection[str] = (),
+) -> list[Finding]:
     """All reasons to refuse this schedule; none if it is good.
 
     known: names of the tasks that there are. tick_ms: length of a tick at real pace; None leaves the load
-    unchecked, as in lockstep, where a tick takes as long as it takes.
+    unchecked, as in lockstep, where a tick takes as long as it takes. required: tasks that must have a row.
+    within_tick: tasks that cannot work beside the ticks, and so have no latency.
     """
     if not schedule:
         return [Finding(Refusal.EMPTY, "", "no task is scheduled")]
-    findings = [finding for slot in schedule for finding in _check_slot(slot, known)]
+    findings = [finding for slot in schedule for finding in _check_slot(slot, known, within_tick)]
     names = [slot.task for slot in schedule]
     findings += [
         Finding(Refusal.TASK_TWICE, name, f"task {name} has {names.count(name)} rows, one is allowed")
         for name in dict.fromkeys(names)
         if names.count(name) > 1
+    ]
+    findings += [
+        Finding(Refusal.MISSING_TASK, name, f"task {name} has no row, the flight needs it")
+        for name in required
+        if name not in names
     ]
     if findings:
         return findings
@@ -92,7 +105,7 @@ def releases(slot: Slot, first: int, last: int) -> int:
     return up_to(last) - up_to(first - 1)
 
 
-def _check_slot(slot: Slot, known: Collection[str]) -> list[Finding]:
+def _check_slot(slot: Slot, known: Collection[str], within_tick: Collection[str]) -> list[Finding]:
     findings = []
     if slot.task not in known:
         text = f"no task is called {slot.task}; there are {', '.join(sorted(known))}"
@@ -106,6 +119,9 @@ def _check_slot(slot: Slot, known: Collection[str]) -> list[Finding]:
     # A task's result must be out before it starts again: it has one place to work in.
     if not 0 <= slot.latency_ticks <= slot.period_ticks:
         text = f"latency_ticks of {slot.task} is {slot.latency_ticks}, 0 to its period is allowed"
+        findings.append(Finding(Refusal.BAD_LATENCY, slot.task, text))
+    elif slot.latency_ticks > 0 and slot.task in within_tick:
+        text = f"latency_ticks of {slot.task} is {slot.latency_ticks}, 0 is allowed: it works within its tick"
         findings.append(Finding(Refusal.BAD_LATENCY, slot.task, text))
     if not 0.0 < slot.budget_ms < float("inf"):
         text = f"budget_ms of {slot.task} is {slot.budget_ms:g}, more than 0 is allowed"

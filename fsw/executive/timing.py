@@ -45,6 +45,13 @@ class Timing:
         self._values[self._MAX] = -np.inf
         self._histogram.fill(0)
 
+    def set_budget(self, budget_ms: float) -> None:
+        """Measure against another budget; the runs so far are forgotten, for they stand in bins of the old one."""
+        budget_ns = round(budget_ms * 1e6)
+        if budget_ns != self.budget_ns:
+            self.budget_ns = budget_ns
+            self.reset()
+
     def add(self, elapsed_ns: int) -> None:
         """Count one run."""
         values = self._values

@@ -1,12 +1,13 @@
-"""The flight tables: schedule, vision, identify, limits. Shipped values stand in flight.toml beside this file."""
+"""The flight tables: schedule, vision, identify, executive, limits. Shipped: flight.toml here, and fault/fmea.toml."""
 
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta
+from msgspec import Meta, field
 
-from fault.limits import Limit, fault_in
+from fault.fmea import limit_rows
+from fault.limits import Limit, faults_in
 from fsw.tables.reading import convert_table, read_document
 from fsw.tables.schema import Table
 from wingbeat.errors import InputError
@@ -49,6 +50,17 @@ class VisionTable(Table, frozen=True):
     precision_weight: Annotated[
         float, Meta(gt=0.0, le=1000.0, description="b of Eq. 24: how much more precision counts than recall")
     ]
+    late_limit_us: Annotated[
+        float, Meta(gt=0.0, le=1e6, description="largest difference of an exposure's time from its trigger's, us")
+    ]
+    black_levels: Annotated[
+        float, Meta(ge=0.0, le=1000.0, description="a frame whose grey levels spread no further shows nothing")
+    ]
+    saturated_share: Annotated[
+        float,
+        Meta(gt=0.0, le=1.0, description="a frame with so many of its pixels at the brightest value is saturated"),
+    ]
+    drop_window_ticks: Annotated[int, Meta(ge=1, le=1000, description="ticks over which drop_rate is taken")]
 
 
 class IdentifyTable(Table, frozen=True):
@@ -73,13 +85,35 @@ class IdentifyTable(Table, frozen=True):
     ]
 
 
+class ExecutiveTable(Table, frozen=True):
+    """Trigger, overruns, health, commands, events, black box."""
+
+    edge_window_share: Annotated[
+        float, Meta(gt=0.0, le=0.45, description="an edge this share of a period off its time is not used")
+    ]
+    free_wheel_after: Annotated[int, Meta(ge=1, le=100, description="bad edges in a row until ticks go by the clock")]
+    lock_after: Annotated[int, Meta(ge=1, le=100, description="good edges in a row until ticks follow the trigger")]
+    catch_up_ticks: Annotated[int, Meta(ge=0, le=10, description="late ticks that are made up for; more are skipped")]
+    silent_after_ticks: Annotated[Ticks, Meta(description="ticks past its turn until a task is called silent")]
+    dead_after_ticks: Annotated[Ticks, Meta(description="ticks past its turn until a task is called dead")]
+    most_restarts: Annotated[int, Meta(ge=0, le=10, description="restarts by itself, at most")]
+    arm_ticks: Annotated[Ticks, Meta(description="ticks that a dangerous command stays armed")]
+    event_burst: Annotated[int, Meta(ge=1, le=1000, description="events that a source may raise at once")]
+    event_refill_ticks: Annotated[Ticks, Meta(description="ticks until a source may raise one more")]
+    black_box_ticks: Annotated[int, Meta(ge=15, le=3600, description="ticks that the black box holds")]
+    black_box_after_ticks: Annotated[int, Meta(ge=0, le=3600, description="of them, ticks after the trip")]
+    black_boxes: Annotated[int, Meta(ge=0, le=16, description="black boxes written in a flight, at most")]
+
+
 class FlightTable(Table, frozen=True):
-    """All flight tables."""
+    """All flight tables. shadow: limits that run beside the active ones and only count."""
 
     schedule: Annotated[list[TaskSlot], Meta(min_length=1, max_length=32)]
     vision: VisionTable
     identify: IdentifyTable
+    executive: ExecutiveTable
     limit: Annotated[list[Limit], Meta(max_length=200)]
+    shadow: Annotated[list[Limit], Meta(max_length=200)] = field(default_factory=list)
 
 
 def load_flight(path: Path | str | None = None) -> FlightTable:
@@ -87,7 +121,7 @@ def load_flight(path: Path | str | None = None) -> FlightTable:
 
     Raises InputError: see read_table, and a limit that cannot work.
     """
-    document = tomllib.loads(SHIPPED.read_text(encoding="utf-8"))
+    document = tomllib.loads(SHIPPED.read_text(encoding="utf-8")) | {"limit": limit_rows()}
     where = SHIPPED if path is None else Path(path)
     if path is not None:
         document = _overlaid(document, read_document(where))
@@ -96,9 +130,9 @@ def load_flight(path: Path | str | None = None) -> FlightTable:
 
 def check_flight(table: FlightTable, where: Path | str) -> FlightTable:
     """The same table if its parts agree. Raises InputError that names the row."""
-    for number, limit in enumerate(table.limit):
-        if problem := fault_in(limit):
-            raise InputError(f"limit[{number}] on {limit.point}: {problem}", where, "correct this row")
+    for name, limits in (("limit", table.limit), ("shadow", table.shadow)):
+        if problem := faults_in(limits):
+            raise InputError(problem.replace("limit", name, 1), where, "correct this row")
     if table.identify.least_ticks > table.identify.history_ticks:
         raise InputError(
             f"identify.least_ticks = {table.identify.least_ticks}",

@@ -15,7 +15,7 @@ class Feature:
     name = "feature"
 
     def __init__(self, state: State, table: VisionTable) -> None:
-        self._state, self._table = state, table
+        self._state, self.table = state, table
 
     def init(self) -> None:
         """The kernels run once on dark images, so that no tick compiles anything."""
@@ -36,5 +36,5 @@ class Feature:
     def _measure(self) -> None:
         tracker, pair = self._state.tracker, self._state.pair
         tracker.measure(pair.left, pair.right)
-        if self._table.method == "paper":
+        if self.table.method == "paper":
             use_printed_centres(tracker, pair.left, pair.right)

@@ -1,6 +1,7 @@
 """identify: the displacement history to modes, beside the ticks; its result appears at a fixed later tick."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,10 @@ from telemetry.dictionary import (
     ESTIMATE_TICK,
     ESTIMATE_TIME_US,
     FREQUENCY_HZ,
+    FREQUENCY_JUMP,
     FREQUENCY_SIGMA_HZ,
+    FREQUENCY_UNCERTAINTY,
+    IDENTIFIED_FLAGS,
     MODE_COUNT,
     MODE_SLOTS,
     OBSERVABLE,
@@ -32,6 +36,7 @@ from wingbeat.errors import InputError
 
 NAN = float("nan")
 LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to take part
+SAME_MODE = 0.1  # frequencies that differ by a smaller share may be those of one mode, in two estimates
 
 
 class Identify:
@@ -111,14 +116,19 @@ class Identify:
             state.raise_event(IDENTIFICATION_FAILED, self._samples)
         if self._result is None:
             return
+        before = state.estimate
         state.estimate = Estimate(self._result, self._cells, self._tick, self._taken_ns)
         state.new_estimate = True
-        show(state, state.estimate)
+        show(state, state.estimate, before)
 
 
-def show(state: State, estimate: Estimate) -> None:
-    """Put an estimate's values on the board; whether they are valid is for protect to say."""
+def show(state: State, estimate: Estimate, before: Estimate | None = None) -> None:
+    """Put an estimate's values on the board; whether they are valid is for protect to say.
+
+    before: the estimate delivered before, to which its frequencies are compared.
+    """
     state.shown = estimate
+    known = before.result.valid_modes if before else []
     board, result = state.board, estimate.result
     board.set(ESTIMATE_TICK, estimate.tick)
     board.set(ESTIMATE_TIME_US, estimate.time_ns // 1000)
@@ -134,3 +144,19 @@ def show(state: State, estimate: Estimate) -> None:
         board.set(DAMPING_RATIO_SIGMA, mode.damping_ratio_sigma if mode else NAN, slot)
         board.set(AMPLITUDE_MM, mode.amplitude if mode else NAN, slot)
         board.set(AMPLITUDE_COHERENCE, mode.amplitude_coherence if mode else NAN, slot)
+        board.set(IDENTIFIED_FLAGS, flag_bits(mode.flags) if mode else NAN, slot)
+        board.set(FREQUENCY_UNCERTAINTY, mode.frequency_sigma_hz / mode.frequency_hz if mode else NAN, slot)
+        board.set(FREQUENCY_JUMP, frequency_jump(mode, known) if mode else NAN, slot)
+
+
+def frequency_jump(mode: Mode, before: Sequence[Mode]) -> float:
+    """Change of a frequency against the nearest of the modes before, beyond 3 sigma of both, as a share of it.
+
+    0 where none of them may be the same mode.
+    """
+    near = [other for other in before if abs(other.frequency_hz - mode.frequency_hz) < SAME_MODE * mode.frequency_hz]
+    if not near:
+        return 0.0
+    nearest = min(near, key=lambda other: abs(other.frequency_hz - mode.frequency_hz))
+    sigma_hz = math.hypot(mode.frequency_sigma_hz, nearest.frequency_sigma_hz)
+    return max(0.0, abs(mode.frequency_hz - nearest.frequency_hz) - 3.0 * sigma_hz) / mode.frequency_hz

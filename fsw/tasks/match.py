@@ -30,7 +30,7 @@ class Match:
     name = "match"
 
     def __init__(self, state: State, table: VisionTable) -> None:
-        self._state, self._table = state, table
+        self._state, self.table = state, table
         grid = state.tracker.grid
         panel, column, row = grid.cell.T
         panels = grid.panels
@@ -68,7 +68,7 @@ class Match:
             describe(centre, found, H, self._boundary_mm, work.descriptor_mm[eye])
         detected = tracker.both_found()
         match_descriptors(work, self._pitch_mm, state.matched)
-        if self._table.method == "paper":
+        if self.table.method == "paper":
             self._as_printed()
         side_px = tracker.cell_side_px(RIGHT)
         correct = count_correct(work, tracker.centre_px[LEFT], tracker.centre_px[RIGHT], state.matched, side_px)
@@ -97,7 +97,7 @@ class Match:
     def _judge(self, correct: int, detected: int, total: int) -> None:
         """Eq. 15-30; detected: cells found in both eyes; total: cells whose centres both eyes should see."""
         state, work = self._state, self._work
-        quality = match_quality(total, detected, correct, self._table.precision_weight)
+        quality = match_quality(total, detected, correct, self.table.precision_weight)
         scale = state.tracker.px_per_mm(LEFT)
         left = work.descriptor_mm[LEFT]
         in_column = queue_variance(left[:, 0], self._column, state.matched, scale, work.queue)

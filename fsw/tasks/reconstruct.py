@@ -17,7 +17,7 @@ class Reconstruct:
     name = "reconstruct"
 
     def __init__(self, state: State, table: VisionTable) -> None:
-        self._state, self._table = state, table
+        self._state, self.table = state, table
         self._row = np.full((state.tracker.grid.count, 3), NAN)
         self._few = 0  # ticks in a row with too few cells
 
@@ -39,7 +39,7 @@ class Reconstruct:
         state.history_xyz_mm.push(self._row)
 
     def _points(self) -> None:
-        state, table = self._state, self._table
+        state, table = self._state, self.table
         count = state.tracker.reconstruct(state.matched, table.reprojection_gate_px, table.epipolar_gate_px)
         # Most of the cells that should be there must be there; fewer is no lock, whatever they say.
         few = count < max(table.least_cells, 0.5 * state.tracker.expected_count)

@@ -23,7 +23,7 @@ class Search:
     name = "search"
 
     def __init__(self, state: State, rig: StereoRig, prior: Prior, table: VisionTable) -> None:
-        self._state, self._rig, self._prior, self._table = state, rig, prior, table
+        self._state, self._rig, self._prior, self.table = state, rig, prior, table
         self._left, self._right = np.zeros_like(state.pair.left), np.zeros_like(state.pair.right)
         self._scout = Tracker(rig, state.tracker.grid, state.tracker.options)
         self._found = 0
@@ -52,7 +52,7 @@ class Search:
     def deliver(self, tick: int) -> None:
         """Begin to track from what was found."""
         state = self._state
-        if state.mode is not FlightMode.ACQUIRE or self._found < self._table.least_cells:
+        if state.mode is not FlightMode.ACQUIRE or self._found < self.table.least_cells:
             return
         state.tracker.adopt(self._scout)
         state.begun = True

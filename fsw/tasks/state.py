@@ -15,6 +15,7 @@ from fsw.vision.tracking import Tracker
 from telemetry.board import Board, EventRecord
 from telemetry.declaration import Event
 from telemetry.dictionary import EVENT_COUNT, EVENTS_SUPPRESSED, FlightMode
+from telemetry.events import HISTORY_CLEARED
 
 EVENT_QUEUE = 64  # events that wait to be sent; full: the newest is counted and lost
 
@@ -68,6 +69,14 @@ class State:
         """Start a tick: what the frame tasks find belongs to this trigger."""
         self.tick, self.time_ns = tick, time_ns
         self.measured = False
+
+    def clear_history(self) -> None:
+        """Forget the displacements: what comes now does not belong to them."""
+        count = len(self.history_time_ns)
+        self.history_time_ns.clear()
+        self.history_xyz_mm.clear()
+        if count:
+            self.raise_event(HISTORY_CLEARED, count)
 
     def raise_event(self, event: Event, *arguments: float) -> None:
         """Queue an event for publish; if the queue is full it is counted as suppressed."""

@@ -1,6 +1,8 @@
-"""The machine's own clock. No other flight file reads time."""
+"""The machine's own clock. No flight file outside the drivers reads time."""
 
 import time
+
+from hal.drivers.absolute_sleep import sleep_until_monotonic_ns
 
 
 def thread_cpu_ns() -> int:
@@ -25,8 +27,7 @@ class RealtimeClock:
 
     def sleep_until_ns(self, time_ns: int) -> None:
         """Sleep to this mission time; late by what the operating system takes to wake a thread."""
-        while (left_ns := time_ns - self.now_ns()) > 0:
-            time.sleep(left_ns * 1e-9)
+        sleep_until_monotonic_ns(time_ns + self._origin_ns)
 
     def thread_cpu_ns(self) -> int:
         """Processor time of the calling thread."""

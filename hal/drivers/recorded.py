@@ -108,11 +108,19 @@ class RecordedTrigger:
         self._clock = clock
         self._tick = 0
 
-    def wait(self) -> Edge | None:
-        """The next edge at its time; None at the end of the recording."""
-        if self._tick == len(self._time_ns):
+    @property
+    def ended(self) -> bool:
+        """All edges were fetched."""
+        return self._tick == len(self._time_ns)
+
+    def wait(self, until_ns: int | None = None) -> Edge | None:
+        """The next edge at its time; None at the end of the recording, or at until_ns if it comes later."""
+        if self.ended:
             return None
         edge = Edge(self._tick, self._time_ns[self._tick])
+        if until_ns is not None and edge.time_ns > until_ns:
+            self._clock.sleep_until_ns(until_ns)
+            return None
         self._tick += 1
         self._clock.sleep_until_ns(edge.time_ns)
         return edge
