@@ -1,6 +1,8 @@
 """The command `wingbeat sil`: the flight application in front of a simulated world."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +17,7 @@ from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.python_can import PythonCanBus
+from hal.drivers.realtime_process import become_realtime, restore
 from hal.store import FileStore
 from sim.cameras import SimulatedCamera, SimulatedTrigger, WorldClock
 from sim.compare import compare_points, true_modes
@@ -60,9 +63,9 @@ def sil(
         trigger = SimulatedTrigger(world, clock)
         eyes = tuple(SimulatedCamera(world, eye, trigger, prerender=pace is Pace.REAL) for eye in (0, 1))
         bus = PythonCanBus()
-        drivers = Drivers((eyes[0], eyes[1]), trigger, clock, chosen.rate_hz)
+        drivers = Drivers((eyes[0], eyes[1]), trigger, clock, chosen.rate_hz, raw_line=True)
         try:
-            with progress(f"sil {target.name}", chosen.ticks) as advance:
+            with progress(f"sil {target.name}", chosen.ticks) as advance, _at_pace(pace) as granted:
                 figures = fly(Tables(cameras, wing, flight), drivers, folder, pace is Pace.LOCKSTEP, bus, advance)
         finally:
             bus.close()
@@ -72,7 +75,7 @@ def sil(
         write_truth(folder / "truth.npz", truth)
         against = compare_points(folder, truth, make_wing_grid(wing))
         known = true_modes(truth)
-        summary = {"scenario": scenario, "seed": world.seed, "pace": pace.value} | figures
+        summary = {"scenario": scenario, "seed": world.seed, "pace": pace.value, "realtime": granted} | figures
         summary |= {"true_modes": known, "against_truth": against}
         FileStore(folder).write(SUMMARY, as_json(summary))
         write_report(folder, f"Software in the loop: {scenario}")
@@ -87,3 +90,15 @@ def sil(
                 f"{against['displacement_rms_mm']:.4f} mm rms (position {against['position_rms_z_mm']:.4f} mm in depth)"
             )
         typer.echo(f"files in {target}, start with {target / 'report.html'}")
+
+
+@contextmanager
+def _at_pace(pace: Pace) -> Iterator[dict[str, str]]:
+    """At real pace what the operating system can do for it; yields what was granted, and why not where it was not."""
+    if pace is not Pace.REAL:
+        yield {}
+        return
+    try:
+        yield become_realtime()
+    finally:
+        restore()
