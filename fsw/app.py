@@ -22,6 +22,7 @@ from fsw.tables.flight import FlightTable, VisionTable
 from fsw.tables.schema import CamerasTable, WingTable
 from fsw.tables.store import TableStore
 from fsw.tasks.acquire import Acquire
+from fsw.tasks.event_queue import EventQueue
 from fsw.tasks.feature import Feature
 from fsw.tasks.health import Health
 from fsw.tasks.identify import Identify
@@ -122,6 +123,7 @@ class App:
             Pair(blank[0], blank[1]),
             Ring(flight.identify.history_ticks, (), np.int64),
             Ring(flight.identify.history_ticks, (grid.count, 3)),
+            events=EventQueue(settings.event_burst, settings.event_refill_ticks),
         )
         self.state.tracker.place(prior.rotation, prior.translation_mm)
         self.protection = Protection(flight.limit, flight.shadow)

@@ -1,6 +1,5 @@
 """What the tasks share: one place, taken once. Each part has one task that writes it."""
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,13 +10,12 @@ from numpy.typing import NDArray
 from fault.modes import Cause
 from fsw.memory.ring import Ring
 from fsw.modal.result import ModalResult
+from fsw.tasks.event_queue import EventQueue
 from fsw.vision.tracking import Tracker
 from telemetry.board import Board, EventRecord
 from telemetry.declaration import Event
 from telemetry.dictionary import EVENT_COUNT, EVENTS_SUPPRESSED, FlightMode
 from telemetry.events import HISTORY_CLEARED
-
-EVENT_QUEUE = 64  # events that wait to be sent; full: the newest is counted and lost
 
 NOTHING = Cause(0)
 
@@ -61,9 +59,7 @@ class State:
     new_estimate: bool = False
     shown: Estimate | None = None  # the one on the board: the newest, or by protect the last good one
     held: bool = False  # by protect: the board shows an older estimate than the newest one
-    _events: deque[EventRecord] = field(default_factory=deque)
-    _event_count: int = 0
-    _suppressed: int = 0
+    events: EventQueue = field(default_factory=lambda: EventQueue(20, 5))
 
     def begin(self, tick: int, time_ns: int) -> None:
         """Start a tick: what the frame tasks find belongs to this trigger."""
@@ -79,17 +75,15 @@ class State:
             self.raise_event(HISTORY_CLEARED, count)
 
     def raise_event(self, event: Event, *arguments: float) -> None:
-        """Queue an event for publish; if the queue is full it is counted as suppressed."""
-        self._event_count += 1
-        if len(self._events) >= EVENT_QUEUE:
-            self._suppressed += 1
-        else:
-            record = EventRecord(event.number, self.tick, self.time_ns, self._event_count, arguments)
-            self._events.append(record)
-        self.board.set(EVENT_COUNT, self._event_count)
-        self.board.set(EVENTS_SUPPRESSED, self._suppressed)
+        """Queue an event of this tick for publish; see EventQueue for what becomes of too many."""
+        self.events.raise_event(event, self.tick, self.time_ns, arguments)
+        self._count_events()
 
     def take_events(self) -> Iterator[EventRecord]:
-        """The queued events, oldest first; the queue is empty afterwards."""
-        while self._events:
-            yield self._events.popleft()
+        """The events that wait, oldest first."""
+        yield from self.events.take(self.tick, self.time_ns)
+        self._count_events()
+
+    def _count_events(self) -> None:
+        self.board.set(EVENT_COUNT, self.events.raised)
+        self.board.set(EVENTS_SUPPRESSED, self.events.suppressed)
