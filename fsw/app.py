@@ -127,13 +127,7 @@ class App:
         )
         self.state.tracker.place(prior.rotation, prior.translation_mm)
         self.protection = Protection(flight.limit, flight.shadow)
-        self._acquire = Acquire(
-            self.state,
-            drivers.cameras,
-            (pools[0], pools[1]),
-            flight.vision.skew_limit_us,
-            flight.vision.hold_after_ticks,
-        )
+        self._acquire = Acquire(self.state, drivers.cameras, (pools[0], pools[1]), flight.vision)
         self._publish = Publish(self.state, drivers.outlets)
         self._vision = vision(self.state, rig, prior, flight.vision)
         known: list[FrameTask | LongTask] = [
@@ -209,7 +203,9 @@ class App:
 
     def step(self) -> bool:
         """One tick; False when the trigger has ended."""
-        return self.executive.step()
+        more = self.executive.step()
+        self._acquire.release()
+        return more
 
     @property
     def restart_cause(self) -> RestartCause | None:

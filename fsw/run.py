@@ -20,15 +20,12 @@ from fsw.geometry import make_wing_grid
 from fsw.modal.result import to_contract
 from fsw.run_log import POINTS, RunLog
 from fsw.supervisor import Start, Supervisor
+from fsw.tasks.acquire import DROPS
 from fsw.tasks.publish import Outlets
 from fsw.tasks.state import State
 from hal.bus import Bus
 from hal.store import FileStore
 from telemetry.dictionary import (
-    DROPS_CORRUPT,
-    DROPS_MISSING,
-    DROPS_SKEW,
-    DROPS_STUCK,
     EVENT_COUNT,
     FLAGS,
     MODE_SLOTS,
@@ -40,7 +37,6 @@ from telemetry.recorder import Recorder
 from wingbeat.errors import InputError
 
 SUMMARY = "summary.json"  # written last: a folder that has it is a complete run
-DROPS = (DROPS_MISSING, DROPS_SKEW, DROPS_CORRUPT, DROPS_STUCK)
 
 
 @contextmanager

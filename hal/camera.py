@@ -19,13 +19,15 @@ class FrameStamp(NamedTuple):
     """Which frame this is.
 
     trigger: number of the edge that exposed it; frame: the camera's own count, -1 if there is no frame;
-    time_ns: time of exposure; status: bits of FrameStatus.
+    time_ns: time of exposure; status: bits of FrameStatus; eye: which camera exposed it, 0 left, 1 right, -1 if the
+    driver cannot tell.
     """
 
     trigger: int
     frame: int
     time_ns: int
     status: int
+    eye: int = -1
 
 
 class Camera(Protocol):

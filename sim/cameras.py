@@ -101,7 +101,7 @@ class SimulatedCamera:
         """Fill out (height, width) with the image of the latest edge; MISSING if there has been no new one."""
         tick = self._trigger.tick
         if tick == self._last_tick:
-            return FrameStamp(tick, -1, self._trigger.time_ns, int(FrameStatus.MISSING))
+            return FrameStamp(tick, -1, self._trigger.time_ns, int(FrameStatus.MISSING), self._eye)
         if self._images is not None:
             np.copyto(out, self._images[tick])
         else:
@@ -114,7 +114,7 @@ class SimulatedCamera:
                 self._draw_ahead(tick + 1)
         self._frame += 1
         self._last_tick = tick
-        return FrameStamp(tick, self._frame, self._trigger.time_ns, int(FrameStatus.OK))
+        return FrameStamp(tick, self._frame, self._trigger.time_ns, int(FrameStatus.OK), self._eye)
 
     def close(self) -> None:
         """End the drawing thread; the image that it draws is dropped."""

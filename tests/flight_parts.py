@@ -86,6 +86,7 @@ class FootageCamera:
     """One eye; faults: what happens to the frame of a tick."""
 
     def __init__(self, footage: Footage, eye: int, edges: Edges, faults: dict[int, Fault]) -> None:
+        self._eye = eye
         self._images, self._place, self._edges, self._faults = footage.images[eye], footage.place, edges, faults
         self.height, self.width = self._images.shape[1:]
         self.dtype = self._images.dtype
@@ -93,7 +94,7 @@ class FootageCamera:
     def grab(self, out: Image) -> FrameStamp:
         tick = self._edges.tick
         np.copyto(out, self._images[self._place(tick)])
-        stamp = FrameStamp(tick, tick, self._edges.time_ns, int(FrameStatus.OK))
+        stamp = FrameStamp(tick, tick, self._edges.time_ns, int(FrameStatus.OK), self._eye)
         fault = self._faults.get(tick)
         return stamp if fault is None else fault(out, stamp)
 

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw.memory.pool import FramePool, PoolError
+from fsw.memory.pool import FramePool, Lease
 from fsw.memory.ring import Ring
 
 
+@pytest.mark.requirement("WB-MEM-01")
 @given(st.integers(1, 5), st.lists(st.integers(0, 9), max_size=60))
 def test_a_pool_never_leases_a_frame_twice_and_counts_what_it_denies(count: int, actions: list[int]) -> None:
     pool = FramePool(count, (2, 3), np.uint8)
@@ -18,7 +19,7 @@ def test_a_pool_never_leases_a_frame_twice_and_counts_what_it_denies(count: int,
     denied = high = 0
     for action in actions:
         if action < 6:
-            frame = pool.lease("test")
+            frame = pool.lease("test", 3)
             if frame is None:
                 denied += 1
                 assert len(out) == count
@@ -26,25 +27,27 @@ def test_a_pool_never_leases_a_frame_twice_and_counts_what_it_denies(count: int,
                 assert not any(np.shares_memory(frame, other) for other in out)
                 out.append(frame)
         elif out:
-            pool.release(out.pop(action % len(out)))
+            assert pool.release(out.pop(action % len(out)))
         high = max(high, len(out))
         assert (pool.leased, pool.denied, pool.high_water) == (len(out), denied, high)
-        assert pool.owners() == ["test"] * len(out)
+        assert pool.owners() == [Lease("test", 3)] * len(out)
 
 
-def test_a_second_or_foreign_release_is_an_error() -> None:
+@pytest.mark.requirement("WB-MEM-02")
+def test_a_second_or_foreign_release_is_counted_and_changes_nothing() -> None:
     pool = FramePool(2, (4,), np.uint8)
-    frame = pool.lease()
+    frame = pool.lease("test", 0)
     assert frame is not None
-    for foreign in (np.zeros(4, np.uint8), frame[:2], frame.view()):
-        with pytest.raises(PoolError, match="not leased from this pool"):
-            pool.release(foreign)
-    pool.release(frame)
-    with pytest.raises(PoolError, match="twice"):
-        pool.release(frame)
-    assert pool.leased == 0
+    for count, foreign in enumerate((np.zeros(4, np.uint8), frame[:2], frame.view()), 1):
+        assert not pool.release(foreign)
+        assert (pool.violations, pool.leased) == (count, 1)
+    assert pool.release(frame)
+    assert not pool.release(frame)
+    assert (pool.violations, pool.leased, len(pool.owners())) == (4, 0, 0)
+    assert pool.lease("a", 1) is not pool.lease("b", 1) and pool.lease("c", 1) is None
 
 
+@pytest.mark.requirement("WB-MEM-03")
 @given(st.integers(1, 7), st.lists(st.floats(-1e6, 1e6), max_size=30), st.data())
 def test_a_ring_is_the_tail_of_what_was_pushed(capacity: int, values: list[float], data: st.DataObject) -> None:
     ring = Ring(capacity, (2,))
@@ -92,7 +95,7 @@ def test_use_leaves_no_new_array_memory() -> None:
     tracemalloc.start()
     try:
         for _ in range(200):
-            frame = pool.lease()
+            frame = pool.lease("test", 0)
             assert frame is not None
             ring.push(row)
             ring.latest(min(20, len(ring)))

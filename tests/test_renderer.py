@@ -235,7 +235,7 @@ def test_cameras_hand_over_each_edge_s_image_once(prerender: bool) -> None:
         assert edge.time_ns == world.times_ns[edge.tick]
         if edge.tick != 2:  # nobody fetches this one
             for eye, camera in enumerate(cameras):
-                assert tuple(camera.grab(out)) == (edge.tick, seen, edge.time_ns, 0)
+                assert tuple(camera.grab(out)) == (edge.tick, seen, edge.time_ns, 0, eye)
                 np.testing.assert_array_equal(out, image(same, eye, edge.tick))
             seen += 1
             assert cameras[0].grab(out).status == 1

@@ -1,17 +1,24 @@
 """A fixed number of frames, taken once and leased: nothing is allocated after the first tick."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 
-class PoolError(Exception):
-    """A frame was given back that was not out, or is not of this pool: a defect of the program, never an input."""
+class Lease(NamedTuple):
+    """Who holds a frame, and since which tick."""
+
+    owner: str
+    tick: int
 
 
 class FramePool:
-    """count frames of one shape and type. Full: `lease` says no and counts it; it never waits and never grows."""
+    """count frames of one shape and type.
+
+    Full: `lease` says no and counts it (denied); it never waits and never grows. A frame that is given back twice, or
+    that is not of this pool, is a defect: it is counted (violations), and the pool stays as it is.
+    """
 
     def __init__(self, count: int, shape: tuple[int, ...], dtype: DTypeLike) -> None:
         if count < 1:
@@ -20,10 +27,11 @@ class FramePool:
         block.fill(0)  # touch every page now: the operating system hands out memory at the first write
         self._frames = tuple(block)
         self._place = {id(frame): place for place, frame in enumerate(self._frames)}
-        self._owner: list[str | None] = [None] * count
+        self._lease: list[Lease | None] = [None] * count
         self._free = list(range(count - 1, -1, -1))
         self.high_water = 0
         self.denied = 0
+        self.violations = 0
 
     @property
     def count(self) -> int:
@@ -35,26 +43,26 @@ class FramePool:
         """Frames that are out now."""
         return self.count - len(self._free)
 
-    def owners(self) -> list[str]:
+    def owners(self) -> list[Lease]:
         """Who holds a frame now, one entry a lease."""
-        return [owner for owner in self._owner if owner is not None]
+        return [lease for lease in self._lease if lease is not None]
 
-    def lease(self, owner: str = "") -> NDArray[Any] | None:
+    def lease(self, owner: str, tick: int) -> NDArray[Any] | None:
         """A frame whose content means nothing yet; None, and counted, if all are out."""
         if not self._free:
             self.denied += 1
             return None
         place = self._free.pop()
-        self._owner[place] = owner
+        self._lease[place] = Lease(owner, tick)
         self.high_water = max(self.high_water, self.leased)
         return self._frames[place]
 
-    def release(self, frame: NDArray[Any]) -> None:
-        """Give back exactly the array that was leased. Raises PoolError for a second or a foreign release."""
+    def release(self, frame: NDArray[Any]) -> bool:
+        """Give back exactly the array that was leased; False, and counted, if it is not out or not of this pool."""
         place = self._place.get(id(frame))
-        if place is None:
-            raise PoolError("this array was not leased from this pool (a view of a frame is not the frame)")
-        if self._owner[place] is None:
-            raise PoolError(f"frame {place} was released twice")
-        self._owner[place] = None
+        if place is None or self._lease[place] is None:
+            self.violations += 1
+            return False
+        self._lease[place] = None
         self._free.append(place)
+        return True
