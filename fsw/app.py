@@ -10,21 +10,27 @@ from threadpoolctl import threadpool_limits
 
 from fault.modes import Cause
 from fault.protection import Protection
+from fsw.black_box import BlackBox
+from fsw.commands.handlers import Handlers
+from fsw.commands.replies import Replies
 from fsw.executive.entry import Entry, FrameTask, LongTask
 from fsw.executive.executive import Executive
 from fsw.executive.lock import TriggerLock
-from fsw.executive.schedule import check_schedule
+from fsw.executive.schedule import Finding, check_schedule
 from fsw.geometry import make_prior, make_rig, make_wing_grid
 from fsw.memory.pool import FramePool
 from fsw.memory.ring import Ring
 from fsw.supervisor import Start
-from fsw.tables.flight import FlightTable, VisionTable
+from fsw.tables.bank import TableBank
+from fsw.tables.flight import FlightTable, TaskSlot, VisionTable
 from fsw.tables.schema import CamerasTable, WingTable
-from fsw.tables.store import TableStore
 from fsw.tasks.acquire import Acquire
+from fsw.tasks.black_box import WriteBlackBox
+from fsw.tasks.command import CommandTask
 from fsw.tasks.event_queue import EventQueue
 from fsw.tasks.feature import Feature
 from fsw.tasks.health import Health
+from fsw.tasks.housekeeping import Housekeeping
 from fsw.tasks.identify import Identify
 from fsw.tasks.lateness import Lateness
 from fsw.tasks.match import Match
@@ -41,19 +47,15 @@ from hal.clock import Clock
 from hal.store import Store
 from hal.trigger import Trigger
 from hal.watchdog import Unwatched, Watchdog
-from telemetry.dictionary import (
-    BUS_ERRORS,
-    LEASES_OUTSTANDING,
-    POOL_VIOLATIONS,
-    RESTARTS,
-    STORAGE_FAILED,
-    TABLES_CORRUPT,
-)
-from telemetry.events import RESTARTED, RESTARTS_SPENT, STARTED, STOPPED, TABLE_ACTIVATED, RestartCause, TableNumber
+from telemetry.dictionary import RESTARTS
+from telemetry.events import RESTARTED, RESTARTS_SPENT, STARTED, STOPPED, RestartCause, TableNumber
 from wingbeat.errors import InputError
 
 FRAMES_PER_EYE = 2  # one is leased at a time; a lost one must not end the measuring
-REQUIRED = ("acquire", "search", "feature", "match", "reconstruct", "identify", "health", "protect", "publish")
+REQUIRED = (
+    "command", "acquire", "search", "feature", "match", "reconstruct", "identify", "health", "housekeeping", "protect",
+    "publish",
+)  # fmt: skip
 
 
 class MakeVision(Protocol):
@@ -111,13 +113,12 @@ class App:
         # Sums come out in the same order, and so in the same bits, whatever the machine has to offer.
         cv2.setNumThreads(1)
         self._threads = threadpool_limits(limits=1)
-        self._drivers, self._start = drivers, start
+        self._drivers, self._start, self._restarting = drivers, start, False
         rig, grid, prior = make_rig(tables.cameras), make_wing_grid(tables.wing), make_prior(tables.wing)
-        self.flight_table = TableStore(tables.flight)
-        flight = self.flight_table.active.table
-        settings = flight.executive
+        flight, settings = tables.flight, tables.flight.executive
+        self.tables = TableBank(flight, self._refusal)
         blank = [np.zeros((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
-        pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
+        self.pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
         self.state = State(
             Tracker(rig, grid, TrackingOptions()),
             Pair(blank[0], blank[1]),
@@ -127,14 +128,40 @@ class App:
         )
         self.state.tracker.place(prior.rotation, prior.translation_mm)
         self.protection = Protection(flight.limit, flight.shadow)
-        self._acquire = Acquire(self.state, drivers.cameras, (pools[0], pools[1]), flight.vision)
-        self._publish = Publish(self.state, drivers.outlets)
+        self._acquire = Acquire(self.state, drivers.cameras, (self.pools[0], self.pools[1]), flight.vision)
+        replies = Replies()
+        self._publish = Publish(self.state, drivers.outlets, replies)
         self._vision = vision(self.state, rig, prior, flight.vision)
+        self.black_box = BlackBox(
+            flight.limit,
+            flight.shadow,
+            settings.black_box_ticks,
+            settings.black_box_after_ticks,
+            tuple(slot.task for slot in flight.schedule),
+            lambda task: self.executive.timing(task)[0].last_ms,
+        )
+        self._write_box = WriteBlackBox(self.black_box, drivers.store, settings.black_boxes, self.state.raise_event)
+        self._identify = Identify(self.state, flight.identify)
+        self._housekeeping = Housekeeping(self.state, self.tables, self.pools, self._go_by)
+        handlers = Handlers(
+            self.state,
+            lambda: self.executive,
+            self.protection,
+            self.tables,
+            replies,
+            self._reset,
+            self._record,
+            self._restart,
+        )
+        self._command = CommandTask(self.state, drivers.outlets.bus, handlers, self.tables, replies, settings.arm_ticks)
         known: list[FrameTask | LongTask] = [
+            self._command,
             self._acquire,
             *self._vision,
-            Identify(self.state, flight.identify),
-            Protect(self.state, self.protection),
+            self._identify,
+            Protect(self.state, self.protection, self.black_box),
+            self._write_box,
+            self._housekeeping,
             self._publish,
         ]
         names = (*(task.name for task in known), Health.name)
@@ -149,8 +176,9 @@ class App:
         )
         tasks = {task.name: task for task in (*known, self._health)}
         beside = {task.name for task in known if isinstance(task, LongTask)}
-        tick_ms = None if lockstep else 1e3 / drivers.rate_hz
-        if findings := check_schedule(flight.schedule, tasks, tick_ms, REQUIRED, tasks.keys() - beside):
+        self._tick_ms = None if lockstep else 1e3 / drivers.rate_hz
+        self._known, self._within_tick = tuple(tasks), tasks.keys() - beside
+        if findings := self._check_schedule(flight.schedule):
             raise InputError(findings[0].text, "schedule", "correct the flight tables")
         period_ns = round(1e9 / drivers.rate_hz)
         trigger, lock = drivers.trigger, None
@@ -181,19 +209,9 @@ class App:
     def init(self) -> None:
         """Take all memory and compile all kernels."""
         state, start = self.state, self._start
-        for point, value in (
-            (BUS_ERRORS, 0),
-            (STORAGE_FAILED, 0),
-            (POOL_VIOLATIONS, 0),
-            (LEASES_OUTSTANDING, 0),
-            (TABLES_CORRUPT, 0),
-            (RESTARTS, start.restarts),
-        ):
-            state.board.set(point, value)
+        state.board.set(RESTARTS, start.restarts)
         self._lateness.init()
         state.raise_event(STARTED, state.tracker.grid.count, self._drivers.rate_hz)
-        for number in TableNumber:
-            state.raise_event(TABLE_ACTIVATED, number, self.flight_table.active.version)
         if start.cause is not RestartCause.POWER_ON:
             state.raise_event(RESTARTED, start.restarts, start.cause)
         if start.inhibited:
@@ -205,6 +223,7 @@ class App:
         """One tick; False when the trigger has ended."""
         more = self.executive.step()
         self._acquire.release()
+        self._housekeeping.tick_ends(self.executive.hyperperiod_ends(self.executive.tick))
         return more
 
     @property
@@ -212,12 +231,44 @@ class App:
         """Why the application wants to be made anew; None: it does not."""
         if self._drivers.watchdog.expired():
             return RestartCause.WATCHDOG
-        return self._health.restart_cause
+        return RestartCause.COMMAND if self._restarting else self._health.restart_cause
 
     @property
     def failures(self) -> Sequence[tuple[str, BaseException]]:
         """Tasks that failed, with what they raised."""
         return self._lateness.failures
+
+    def _reset(self) -> None:
+        for part in (self.executive, self._acquire, self._publish, self._housekeeping):
+            part.reset()
+
+    def _record(self, on: bool) -> None:
+        self._publish.recording = on
+
+    def _restart(self) -> None:
+        self._restarting = True
+
+    def _check_schedule(self, schedule: Sequence[TaskSlot]) -> list[Finding]:
+        """What forbids a schedule."""
+        return check_schedule(schedule, self._known, self._tick_ms, REQUIRED, self._within_tick)
+
+    def _refusal(self, schedule: Sequence[TaskSlot]) -> int:
+        """Number of the first reason against a schedule; 0: there is none."""
+        return next((int(finding.refusal) for finding in self._check_schedule(schedule)), 0)
+
+    def _go_by(self, numbers: Sequence[TableNumber]) -> None:
+        """Between two ticks: let the tasks go by these active tables from now on."""
+        flight = self.tables.flight
+        if TableNumber.SCHEDULE in numbers:
+            self.executive.apply(flight.schedule)
+        if TableNumber.VISION in numbers:
+            for task in (self._acquire, *self._vision):
+                task.table = flight.vision  # type: ignore[union-attr]  # all vision tasks have one
+        if TableNumber.IDENTIFY in numbers:
+            self._identify.table = flight.identify
+        if TableNumber.LIMITS in numbers or TableNumber.SHADOW in numbers:
+            self.protection.renew(flight.limit, flight.shadow)
+            self.black_box.restart(flight.limit, flight.shadow)
 
     def _begin(self, tick: int, time_ns: int) -> None:
         """A tick begins: what was late before is known now."""
@@ -228,6 +279,7 @@ class App:
         """Stop: give the frames back, end the threads, say so."""
         self.executive.close()
         self._acquire.release()
+        self._write_box.close(self.executive.tick)
         self.state.raise_event(STOPPED, self.executive.ticks)
         self._publish.drain_events()
         for task in self._vision:

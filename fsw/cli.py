@@ -11,6 +11,7 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from fsw.app import Drivers, Tables
+from fsw.black_box_replay import DECISIONS, replay_black_box
 from fsw.channels import read_channels
 from fsw.modal.pipeline import identify as identify_modes
 from fsw.modal.result import ModalResult, to_contract
@@ -36,15 +37,30 @@ class Kind(StrEnum):
 
 
 def replay(
-    sequence: Annotated[Path, typer.Argument(help="sequence.toml: recorded stereo images, their cameras and wing.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; default runs/NAME-OF-THE-FOLDER.")] = None,
+    sequence: Annotated[
+        Path,
+        typer.Argument(help="sequence.toml: recorded stereo images, their cameras and wing; or a black box, .mcap."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the results; default runs/NAME-OF-THE-FOLDER, and none for a black box."),
+    ] = None,
     tables: Annotated[Path | None, typer.Option(help="Flight tables (TOML) to lay over the shipped ones.")] = None,
     json_file: Annotated[str | None, typer.Option("--json", help="The modes as JSON; - for stdout.")] = None,
 ) -> None:
-    """Run the flight application over recorded stereo images, in lockstep.
+    """Run the flight application over recorded stereo images, in lockstep; or make a black box's decisions again.
+
+    A black box brings its own limits. Exit code 1 if a decision comes out other than it was recorded.
 
     Example: wingbeat replay recording/sequence.toml --out runs/recording
+
+    Example: wingbeat replay black_box_001.mcap --out decisions
     """
+    if sequence.suffix.lower() == ".mcap":
+        if tables is not None or json_file is not None:
+            raise typer.BadParameter("--tables and --json are for images; a black box brings its own limits")
+        decide_again(sequence, out)
+        return
     described = load_sequence(sequence)
     base = sequence.parent
     cameras, wing = load_hardware(base / described.cameras, base / described.wing)
@@ -70,6 +86,17 @@ def replay(
     if json_file != "-":
         typer.echo(modes_table(modes))
         typer.echo(f"files in {target}, start with {target / 'report.html'}")
+
+
+def decide_again(black_box: Path, out: Path | None) -> None:
+    """Say whether all decisions of a black box come out again as they were recorded; exit code 1 if not."""
+    replayed = replay_black_box(black_box, out)
+    if out is not None:
+        typer.echo(f"decisions in {out / DECISIONS}")
+    if replayed.difference:
+        typer.echo(replayed.difference)
+        raise typer.Exit(1)
+    typer.echo(f"{len(replayed.decisions)} ticks: every decision reproduced")
 
 
 def _drivers(recording: Recording, rate_hz: float) -> Drivers:

@@ -110,6 +110,10 @@ class CanEncoder:
         event_on_board(self._event, record)
         return self._packet(EVENT_PACKET, self._event, record.tick, record.time_ns, 0)
 
+    def encode_on_demand(self, packet: Packet, board: Board, tick: int, time_ns: int) -> int:
+        """Encode one packet that has no period; return the number of frames, in rows 0 to that."""
+        return self._packet(packet, board, tick, time_ns, 0)
+
     def frame(self, row: int) -> tuple[int, bytes]:
         """Identifier and data of one encoded frame."""
         return int(self.ids[row]), bytes(self._bytes[row * FRAME_BYTES : (row + 1) * FRAME_BYTES])

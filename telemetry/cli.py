@@ -1,4 +1,4 @@
-"""The commands `wingbeat decode` and `wingbeat export`."""
+"""The commands `wingbeat decode`, `wingbeat export` and `wingbeat command`."""
 
 import csv
 import json
@@ -13,10 +13,12 @@ from typing import Annotated, TextIO
 
 import typer
 
+from telemetry.commands import COMMANDS, Command
 from telemetry.decode import CSV_HEADER, Record, csv_rows, decode_file, describe
 from telemetry.export import dbc_text
 from telemetry.mavlink_dialect import dialect_xml
 from telemetry.page import page_text
+from telemetry.uplink import frames_of, request_of, upload_of
 from wingbeat.console import track, write_json
 from wingbeat.errors import InputError
 
@@ -74,6 +76,31 @@ def export(
     text = _EXPORTS[format]()
     with _target(out) as stream:
         stream.write(text)
+
+
+_COMMAND_HELP = "; ".join(f"{command.name}: {COMMANDS[command].meaning}" for command in Command)
+
+
+def command(
+    name: Annotated[str, typer.Argument(help=_COMMAND_HELP)],
+    selector: Annotated[str, typer.Argument(help="What it acts on, by name or number; see docs/telemetry.md.")] = "0",
+    value: Annotated[int, typer.Argument(help="Its value.")] = 0,
+    table: Annotated[Path | None, typer.Option(help="With TABLE_LOAD: send this TOML file, and validate it.")] = None,
+    sequence: Annotated[int, typer.Option(min=0, max=255, help="Counter of the first frame.")] = 0,
+    at: Annotated[float, typer.Option(min=0.0, help="Time of the frames, s.")] = 0.0,
+    out: Annotated[Path | None, typer.Option(help="Write to this file instead of stdout.")] = None,
+) -> None:
+    """Make the CAN frames of a command, as candump writes them.
+
+    Example: wingbeat command SET_MODE INHIBITED | canplayer vcan0=can0
+    """
+    if table is None:
+        frames = frames_of([request_of(name, selector, value)], sequence)
+    else:
+        frames = upload_of(name, selector, table, sequence)
+    with _target(out) as stream:
+        for can_id, data in frames:
+            stream.write(f"({at:.6f}) can0 {can_id:03X}#{data.hex().upper()}\n")
 
 
 def _write(records: Iterable[Record], form: Form, stream: TextIO) -> None:

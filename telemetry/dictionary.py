@@ -80,6 +80,34 @@ class CommandResult(IntEnum):
     UNAVAILABLE = 14
 
 
+class TableFault(IntEnum):
+    """Why a table is refused; from SCHEDULE_EMPTY on the reasons against a schedule (fsw/executive/schedule.py)."""
+
+    NONE = 0
+    TOO_LONG = 1
+    NOTHING_UPLOADED = 2
+    GAP = 3
+    CRC = 4
+    NOT_TOML = 5
+    OTHER_TABLE = 6
+    BAD_VALUE = 7
+    INCONSISTENT = 8
+    FIXED = 9
+    NOTHING_LOADED = 10
+    DAMAGED = 11
+    SCHEDULE_EMPTY = 33
+    SCHEDULE_UNKNOWN_TASK = 34
+    SCHEDULE_TASK_TWICE = 35
+    SCHEDULE_BAD_PERIOD = 36
+    SCHEDULE_BAD_PHASE = 37
+    SCHEDULE_BAD_LATENCY = 38
+    SCHEDULE_BAD_BUDGET = 39
+    SCHEDULE_HYPERPERIOD = 40
+    SCHEDULE_OVERLOAD = 41
+    SCHEDULE_WORKER_OVERLOAD = 42
+    SCHEDULE_MISSING_TASK = 43
+
+
 def flag_bits(names: Iterable[str]) -> int:
     """The bits of flags given by their names in modes.json; an unknown name sets OTHER: none is lost."""
     bits = 0

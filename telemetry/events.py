@@ -7,7 +7,7 @@ from typing import Any
 
 from telemetry.board import EventRecord
 from telemetry.declaration import Argument, Event, Severity, Source
-from telemetry.dictionary import POINTS, CommandResult, FlightMode
+from telemetry.dictionary import POINTS, CommandResult, FlightMode, TableFault
 
 
 class Eye(IntEnum):
@@ -258,7 +258,12 @@ TABLE_ACTIVATED = _event(
     801, "TABLE_ACTIVATED", _INFO, "table {table} active, version {version:.0f}", _TABLE, Argument("version")
 )
 TABLE_REJECTED = _event(
-    802, "TABLE_REJECTED", _WARNING, "table {table} rejected, error {error:.0f}", _TABLE, Argument("error")
+    802,
+    "TABLE_REJECTED",
+    _WARNING,
+    "table {table} not activated: {error}",
+    _TABLE,
+    Argument("error", choices=_names(TableFault)),
 )
 TABLE_CORRUPT = _event(803, "TABLE_CORRUPT", _CRITICAL, "table {table}: the {copy} copy is damaged", _TABLE, _COPY)
 TABLE_REPAIRED = _event(804, "TABLE_REPAIRED", _INFO, "table {table}: the {copy} copy is good again", _TABLE, _COPY)

@@ -50,6 +50,10 @@ class MavlinkEncoder:
         event_on_board(self._event, record)
         return self._packet(EVENT_PACKET, self._event, record.tick, record.time_ns)
 
+    def encode_on_demand(self, packet: Packet, board: Board, tick: int, time_ns: int) -> list[bytes]:
+        """The message of one packet that has no period."""
+        return self._packet(packet, board, tick, time_ns)
+
     def _packet(self, packet: Packet, board: Board, tick: int, time_ns: int) -> list[bytes]:
         of_tick, time_us = trigger_of(packet, board, tick, time_ns)
         kept_tick, cut = clip(TICK, of_tick)

@@ -3,8 +3,17 @@
 from collections.abc import Iterable, Iterator
 from enum import IntEnum, IntFlag
 
+from telemetry.commands import COMMAND_ID, COMMANDS, TABLE_DATA_ID
 from telemetry.declaration import Kind, Packet, Point
-from telemetry.dictionary import HEADER_FRAMES, HEARTBEAT_PERIOD_TICKS, PACKETS, FlightMode, ModeFlag
+from telemetry.dictionary import (
+    HEADER_FRAMES,
+    HEARTBEAT_PERIOD_TICKS,
+    PACKETS,
+    CommandResult,
+    FlightMode,
+    ModeFlag,
+    TableFault,
+)
 from telemetry.events import EVENTS
 from telemetry.mavlink_codec import COMPONENT_ID, SYSTEM_ID
 from telemetry.mavlink_dialect import MESSAGES
@@ -33,6 +42,12 @@ This page is made from the dictionary (`telemetry/dictionary.py`, `telemetry/eve
 - `amplitude_coherence` is ERA's modal amplitude coherence, which the paper calls MAC; it is not the modal assurance
   criterion.
 """
+
+_UPLINK = f"""\
+Identifier 0x{COMMAND_ID:03X}: byte 0 number, byte 1 selector, bytes 2-5 value, byte 6 sequence, byte 7 CRC as above. A
+table goes up in pieces of four bytes under 0x{TABLE_DATA_ID:03X}: bytes 0-1 number of the piece, bytes 2-5 the bytes,
+byte 6 sequence, byte 7 CRC. Each command has one event and one `ack` packet. The frame that came last, again, is
+answered as before and not carried out again. `wingbeat command` makes these frames."""
 
 _REQUIREMENTS = (
     (
@@ -104,6 +119,22 @@ def page_text() -> str:
     lines += ["", "## Choices", ""]
     lines += _choices("mode", FlightMode)
     lines += ["", *_choices("flags", ModeFlag)]
+    lines += ["", *_choices("result", CommandResult)]
+    lines += ["", *_choices("table fault", TableFault)]
+    lines += ["", "## Commands", "", _UPLINK, ""]
+    lines += _table(
+        ("number", "command", "selector", "value", "what"),
+        (
+            (
+                str(int(command)),
+                command.name,
+                ", ".join(f"{number} {name}" for number, name in spec.selector.items()) or "0",
+                f"{spec.value[0]} to {spec.value[1]}" if spec.value[1] else "0",
+                spec.meaning + ("; by ARM and FIRE only" if spec.dangerous else ""),
+            )
+            for command, spec in COMMANDS.items()
+        ),
+    )
     lines += ["", "## Events", "", "The text is made on the ground. `point` in an event is a point's name.", ""]
     lines += _table(
         ("number", "name", "severity", "arguments", "text"),

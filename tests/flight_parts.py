@@ -15,6 +15,7 @@ from fsw.tables.flight import FlightTable, load_flight
 from fsw.tasks.publish import Outlets
 from hal.camera import FrameStamp, FrameStatus
 from hal.drivers.lockstep_clock import LockstepClock
+from hal.store import Store
 from hal.trigger import Edge
 from sim.flight_files import flight_files
 from sim.scenario import Scenario, load_scenario
@@ -131,13 +132,14 @@ def flying(
     gaps: frozenset[int] = frozenset(),
     flight: FlightTable | None = None,
     outlets: Outlets | None = None,
+    store: Store | None = None,
 ) -> Iterator[App]:
     """The flight application after INIT, in lockstep; faults: by eye and tick."""
     cameras, wing = load_hardware(*flight_files(footage.scenario, folder))
     clock = LockstepClock()
     edges = Edges(clock, footage.scenario.rate_hz, ticks, gaps)
     left, right = (FootageCamera(footage, eye, edges, faults[eye]) for eye in (0, 1))
-    drivers = Drivers((left, right), edges, clock, footage.scenario.rate_hz, outlets or Outlets())
+    drivers = Drivers((left, right), edges, clock, footage.scenario.rate_hz, outlets or Outlets(), store=store)
     app = App(Tables(cameras, wing, flight or load_flight()), drivers)
     try:
         app.init()

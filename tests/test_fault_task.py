@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from fault_parts import GOOD, limit
 
+from fault.limits import Limit
 from fault.modes import Cause
 from fault.protection import Protection
+from fsw.black_box import BlackBox
 from fsw.memory.ring import Ring
 from fsw.modal.result import ModalResult, Mode, Record
 from fsw.tasks.identify import frequency_jump, show
@@ -37,6 +39,10 @@ def deliver(state: State, new: Estimate) -> None:
     show(state, new, before)
 
 
+def protect(state: State, limits: list[Limit]) -> Protect:
+    return Protect(state, Protection(limits), BlackBox(limits, (), ticks=3, after_ticks=0))
+
+
 def run(task: Protect, state: State, tick: int, causes: Cause = NOTHING) -> list[int]:
     state.begin(tick, tick * 10**6)
     state.causes |= causes
@@ -47,7 +53,7 @@ def run(task: Protect, state: State, tick: int, causes: Cause = NOTHING) -> list
 
 def test_the_task_raises_what_the_protection_says_and_tells_mode_and_hold() -> None:
     state = blank_state()
-    task = Protect(state, Protection([limit(d.CMP, high_red=None, low_red=0.5, response="invalidate")]))
+    task = protect(state, [limit(d.CMP, high_red=None, low_red=0.5, response="invalidate")])
     task.init()
     assert state.mode is FlightMode.ACQUIRE and [record.number for record in state.take_events()] == [3]
     assert run(task, state, 0, Cause.LOCK_FOUND) == [3]
@@ -62,7 +68,7 @@ def test_the_task_raises_what_the_protection_says_and_tells_mode_and_hold() -> N
 @pytest.mark.requirement("WB-FLT-11")
 def test_the_estimate_that_is_shown_is_the_one_on_the_board() -> None:
     state = blank_state()
-    task = Protect(state, Protection([]))
+    task = protect(state, [])
     task.init()
     run(task, state, 0, Cause.LOCK_FOUND)
     bad, good = estimate(2, mode(0.7, flags=("weak",))), estimate(12, mode(0.7))

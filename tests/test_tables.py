@@ -9,7 +9,6 @@ import pytest
 from fsw.tables.checks import check_cells_in_view, check_overlap, load_hardware
 from fsw.tables.flight import FlightTable, load_flight
 from fsw.tables.schema import CamerasTable, Eye, Pose, Stereo, WingTable, load_cameras, load_sequence, load_wing
-from fsw.tables.store import TableStore
 from wingbeat.errors import InputError
 
 # The paper's rig (Table 2, Eq. 42 as corrected) at half size, and a wing where the axes cross.
@@ -206,7 +205,7 @@ def test_distortion_that_folds_back_does_not_bring_far_cells_into_view(
 
 def test_the_shipped_flight_tables_are_good_and_every_number_is_described() -> None:
     table = load_flight()
-    assert table.schedule[0].task == "acquire"
+    assert table.schedule[0].task == "command"
     schema = msgspec.json.schema(FlightTable)["$defs"]
     for part in ("VisionTable", "IdentifyTable", "TaskSlot"):
         for name, entry in schema[part]["properties"].items():
@@ -246,32 +245,3 @@ def test_a_wrong_flight_file_is_one_clear_line(tmp_path: Path, text: str, messag
     with pytest.raises(InputError, match=message) as caught:
         load_flight(path)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
-
-
-def test_a_table_is_loaded_activated_rolled_back_and_keeps_its_crc() -> None:
-    first = load_flight()
-    second = msgspec.structs.replace(first, identify=msgspec.structs.replace(first.identify, order=20))
-    store = TableStore(first)
-    assert not store.activate() and not store.roll_back()
-    store.load(second)
-    assert store.active.table is first
-    assert store.activate()
-    assert (store.active.table, store.active.version) == (second, 2)
-    assert store.active.crc32 != TableStore(first).active.crc32
-    assert store.roll_back() and store.active.table is first
-    store.load(second)
-    store.abort()
-    assert not store.activate()
-    assert store.intact()
-
-
-def test_a_damaged_image_is_found_and_never_activated() -> None:
-    store = TableStore(load_flight())
-    image = store.load(load_flight())
-    data = bytearray(image.data)
-    data[10] ^= 4
-    store.loaded = image._replace(data=bytes(data))
-    assert not store.activate()
-    changed = msgspec.structs.replace(image.table, limit=[])
-    store.active = store.active._replace(table=changed)
-    assert not store.intact()

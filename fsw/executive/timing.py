@@ -66,6 +66,11 @@ class Timing:
         place = elapsed_ns * BINS_PER_BUDGET // self.budget_ns if self.budget_ns else BINS - 1
         self._histogram[min(max(place, 0), BINS - 1)] += 1
 
+    @property
+    def last_ms(self) -> float:
+        """The newest run; NaN before the first."""
+        return float(self._values[self._LAST]) * 1e-6 if self.runs else float("nan")
+
     def summary(self) -> Summary:
         """The statistics so far."""
         histogram = tuple(int(count) for count in self._histogram)

@@ -33,6 +33,10 @@ class FramePool:
         self.denied = 0
         self.violations = 0
 
+    def reset(self) -> None:
+        """Count what was denied and violated from 0 again."""
+        self.denied = self.violations = 0
+
     @property
     def count(self) -> int:
         """Frames in the pool."""

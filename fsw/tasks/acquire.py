@@ -60,7 +60,7 @@ class Acquire:
     def __init__(
         self, state: State, cameras: tuple[Camera, Camera], pools: tuple[FramePool, FramePool], table: VisionTable
     ) -> None:
-        self._state, self._cameras, self._pools, self.table = state, cameras, pools, table
+        self._state, self._cameras, self._pools, self._table = state, cameras, pools, table
         self._checks = tuple(
             FrameCheck((c.height, c.width), c.dtype, table.black_levels, table.saturated_share) for c in cameras
         )
@@ -71,10 +71,21 @@ class Acquire:
         self._dropped = bytearray(table.drop_window_ticks)  # of the last ticks with light: 1 for a dropped pair
         self._wanted = 0
 
+    @property
+    def table(self) -> VisionTable:
+        """Its table; a new one holds from the next pair on."""
+        return self._table
+
+    @table.setter
+    def table(self, table: VisionTable) -> None:
+        self._table = table
+        for check in self._checks:
+            check.black_levels, check.saturated_share = table.black_levels, table.saturated_share
+
     def init(self) -> None:
         """All counters start at 0, and the kernels run once on dark images, so that no tick compiles anything."""
-        for point in (*DROPS, DROP_RATE):
-            self._state.board.set(point, 0)
+        self.reset()
+        self._state.board.set(DROP_RATE, 0)
         self._state.board.set(ILLUMINATED, 1)
         self._checks[0].init(self._state.pair.left)
         self._checks[1].init(self._state.pair.right)
@@ -85,10 +96,15 @@ class Acquire:
         state.pair.usable = self._take(tick) and self._judge(self._grab(), time_ns)
         self._count()
         self._gone = 0 if state.pair.usable else self._gone + 1
-        if self._gone >= self.table.hold_after_ticks:
+        if self._gone >= self._table.hold_after_ticks:
             state.causes |= Cause.FRAMES_GONE
         elif self._gone == 0:
             state.causes |= Cause.FRAMES_BACK
+
+    def reset(self) -> None:
+        """Count dropped pairs from 0 again."""
+        for point in DROPS:
+            self._state.board.set(point, 0)
 
     def release(self) -> None:
         """Give the frames back. They can still be looked at until the next tick."""
@@ -135,11 +151,11 @@ class Acquire:
         """Both were exposed by this tick's trigger, and together."""
         for eye in EYES:
             late_us = (stamps[eye].time_ns - time_ns) * 1e-3
-            if abs(late_us) > self.table.late_limit_us:
+            if abs(late_us) > self._table.late_limit_us:
                 return self._drop(DROPS_LATE, FRAME_LATE, eye, late_us)
         skew_us = (stamps[1].time_ns - stamps[0].time_ns) * 1e-3
-        if stamps[0].trigger != stamps[1].trigger or abs(skew_us) > self.table.skew_limit_us:
-            return self._drop(DROPS_SKEW, FRAME_SKEW, skew_us, self.table.skew_limit_us)
+        if stamps[0].trigger != stamps[1].trigger or abs(skew_us) > self._table.skew_limit_us:
+            return self._drop(DROPS_SKEW, FRAME_SKEW, skew_us, self._table.skew_limit_us)
         return True
 
     def _fit(self, stamps: Stamps) -> bool:

@@ -26,6 +26,7 @@ class EventQueue:
     def __init__(self, burst: int, refill_ticks: int) -> None:
         self.raised = 0
         self.suppressed = 0
+        self.critical = 0  # raised critical events
         self._burst, self._refill_ticks = burst, refill_ticks
         self._tokens = [burst] * len(Source)
         self._refilled_at = [0] * len(Source)  # tick up to which tokens were given
@@ -39,6 +40,7 @@ class EventQueue:
     def raise_event(self, event: Event, tick: int, time_ns: int, arguments: Sequence[float]) -> None:
         """Queue an event, or count it as suppressed."""
         self.raised += 1
+        self.critical += event.severity is Severity.CRITICAL
         if event.severity is Severity.CRITICAL or (self._take_token(event.source, tick) and len(self) < PLACES):
             self._waiting.append(EventRecord(event.number, tick, time_ns, self.raised, tuple(arguments)))
         else:

@@ -45,7 +45,7 @@ class Identify:
     name = "identify"
 
     def __init__(self, state: State, table: IdentifyTable) -> None:
-        self._state, self._table = state, table
+        self._state, self.table = state, table
         count = state.tracker.grid.count
         self._time_ns = np.zeros(table.history_ticks, np.int64)
         self._time_s: NDArray[np.float64] = np.zeros(table.history_ticks)
@@ -54,6 +54,15 @@ class Identify:
         self._result: ModalResult | None = None
         self._failed = False
         self._cells = np.zeros(0, np.int64)
+
+    @property
+    def table(self) -> IdentifyTable:
+        """Its table; a new one holds from the next identification on."""
+        return self._table
+
+    @table.setter
+    def table(self, table: IdentifyTable) -> None:
+        self._table = table
         self._options = Options(
             coordinates=table.coordinates,
             block_rows=table.block_rows,

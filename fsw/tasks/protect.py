@@ -3,17 +3,23 @@
 from collections.abc import Iterable
 
 from fault.protection import Protection, Raised
+from fsw.black_box import BlackBox
 from fsw.tasks.state import NOTHING, Estimate, State
+from telemetry.declaration import Severity
 from telemetry.dictionary import ESTIMATE_TICK, OVERRUN
 
 
 class Protect:
-    """Hands a tick's causes to the protection, raises its events, and follows what it shows on the board."""
+    """Hands a tick's causes to the protection, raises its events, and follows what it shows on the board.
+
+    All that a decision depends on, and what came of it, goes into the black box.
+    """
 
     name = "protect"
 
-    def __init__(self, state: State, protection: Protection) -> None:
-        self._state, self.protection = state, protection
+    def __init__(self, state: State, protection: Protection, box: BlackBox) -> None:
+        self._state, self.protection, self._box = state, protection, box
+        self._critical = 0  # critical events that the black box knows of
         self._good: Estimate | None = None  # the newest estimate that the protection took for good
 
     def init(self) -> None:
@@ -24,7 +30,14 @@ class Protect:
         """Decide this tick; commands of mode stand among the causes."""
         state, protection = self._state, self.protection
         causes, state.causes = state.causes, NOTHING
-        self._follow(protection.step(state.board, tick, causes, state.measured, state.new_estimate))
+        self._box.before(tick, time_ns, state.board, causes, state.measured, state.new_estimate, protection)
+        events = protection.step(state.board, tick, causes, state.measured, state.new_estimate)
+        decided = any(raised.event.severity is Severity.CRITICAL for raised in events)
+        if decided or state.events.critical != self._critical:
+            self._box.trip()
+        self._box.after(state.board, events)
+        self._follow(events)
+        self._critical = state.events.critical
         state.board.set(OVERRUN, 0)  # it was seen; the next one sets it again
         if state.new_estimate and state.estimate is not None:
             if protection.good_tick == state.estimate.tick:

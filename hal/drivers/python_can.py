@@ -48,6 +48,16 @@ class PythonCanBus:
         self.sent += 1
         return True
 
+    def receive(self) -> tuple[int, bytes] | None:
+        """The oldest data frame that came; None if there is none, or the driver failed."""
+        try:
+            message = self._bus.recv(timeout=0)
+        except (can.CanError, OSError):
+            return None
+        if message is None or message.is_error_frame or message.is_remote_frame or message.is_extended_id:
+            return None
+        return message.arbitration_id, bytes(message.data)
+
     def close(self) -> None:
         """Release the channel."""
         self._bus.shutdown()

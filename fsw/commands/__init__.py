@@ -1,0 +1,1 @@
+"""Commands: from checked requests to what they do, and their answers."""
