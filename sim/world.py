@@ -35,7 +35,7 @@ class World:
         self.times_ns = np.round(np.arange(scenario.ticks) * 1e9 / scenario.rate_hz).astype(np.int64)
         self.eyes, self.pose = true_eyes(scenario), true_pose(scenario)
         self.cells_mm = cell_centres(scenario)
-        self.modes = solve_modes(_plate(scenario), max(e.mode for e in scenario.excitation))
+        self.modes = solve_modes(true_plate(scenario), max(e.mode for e in scenario.excitation))
         self.motion = [
             Oscillator(
                 frequency_hz=float(self.modes.frequency_hz[e.mode - 1]),
@@ -60,6 +60,10 @@ class World:
         """Fill out (height, width) with what this eye (0 left, 1 right) sees at this edge."""
         bent = self._bent[eye]
         np.dot(self._modal[tick], self._patches, out=bent.reshape(-1))
+        self.render_bent(tick, eye, bent, out)
+
+    def render_bent(self, tick: int, eye: int, bent: FloatArray, out: NDArray[Any]) -> None:
+        """The same with the wing bent otherwise: bent, its surface in patches (ex, ey, 4, 4) in mm."""
         modes = self.modes
         self._renderers[eye].render(out, bent, modes.x_mm, modes.y_mm, self._keys[tick][eye])
 
@@ -119,7 +123,8 @@ def true_pose(scenario: Scenario) -> Pose:
     return pose_at(pose.point_mm, pose.at_mm, pose.x_axis, pose.normal)
 
 
-def _plate(scenario: Scenario) -> Plate:
+def true_plate(scenario: Scenario) -> Plate:
+    """The scenario's wing as a plate with fold lines."""
     s = scenario.structure
     return Plate(
         length_mm=scenario.wing.length_mm,

@@ -58,6 +58,7 @@ class ModeFlag(IntFlag):
     HELD = 1 << 20
     SATURATED = 1 << 21
     OTHER = 1 << 22
+    UNCONFIRMED = 1 << 23
 
 
 class CommandResult(IntEnum):

@@ -1,5 +1,7 @@
 """Modes of a free decay: the fit turned into frequencies, intervals, shapes and flags."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,8 @@ ComplexArray = NDArray[np.complex128]
 
 # What explains less than this share of the energy about its frequency is a patch on the fit, not a mode.
 _NO_MODE = 0.5
+# Flags of a motion that is no sum of steady decays.
+UNSTEADY = {"time_varying", "not_exponential"}
 
 
 def identify_decay(
@@ -68,9 +72,23 @@ def identify_decay(
                 flags=sorted(set(flags)),
             )
         )
+    modes = doubted(modes)
     falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
     signals = coordinates.signals[start:]
     return modes, decay.diagram, convincing(time_s, signals, fit, options.drift_degree, coherence, falling)
+
+
+def doubted(modes: list[Mode]) -> list[Mode]:
+    """The same modes; where the strongest is no steady decay, none is.
+
+    A hinge that loosens or a wing that is struck changes all modes at once. A weak one that had died out before keeps
+    its old frequency in the record, and nothing in its own fit tells that it holds no longer.
+    """
+    strongest = max(modes, key=lambda mode: mode.amplitude, default=None)
+    if strongest is None or UNSTEADY.isdisjoint(strongest.flags):
+        return modes
+    flagged = [sorted({*mode.flags, "not_exponential"}) for mode in modes]
+    return [replace(mode, valid=False, flags=flags) for mode, flags in zip(modes, flagged, strict=True)]
 
 
 def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_degree: int) -> NDArray[np.bool_]:

@@ -36,6 +36,8 @@ from wingbeat.errors import InputError
 
 NAN = float("nan")
 LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to take part
+SAME_FREQUENCY = 0.005  # share by which a mode's frequency may differ from one estimate to the next
+UNCONFIRMED = "unconfirmed"  # flag of a mode that the estimate before did not have
 SAME_MODE = 0.1  # frequencies that differ by a smaller share may be those of one mode, in two estimates
 
 
@@ -126,9 +128,25 @@ class Identify:
         if self._result is None:
             return
         before = state.estimate
-        state.estimate = Estimate(self._result, self._cells, self._tick, self._taken_ns)
+        modes = confirmed(self._result.modes, before.result.modes if before else [])
+        state.estimate = Estimate(replace(self._result, modes=modes), self._cells, self._tick, self._taken_ns)
         state.new_estimate = True
         show(state, state.estimate, before)
+
+
+def confirmed(modes: Sequence[Mode], before: Sequence[Mode]) -> list[Mode]:
+    """The same modes; one that the estimate before did not find as well, with nothing against it, is flagged.
+
+    Two records in a row have most of their samples in common: what is a mode in one is a mode in the other. What a
+    disturbance at the edge of the record feigns is another one each time.
+    """
+    known = [other.frequency_hz for other in before if set(other.flags) <= {UNCONFIRMED}]
+    return [
+        mode
+        if any(abs(mode.frequency_hz - hz) < SAME_FREQUENCY * hz for hz in known)
+        else replace(mode, valid=False, flags=sorted({*mode.flags, UNCONFIRMED}))
+        for mode in modes
+    ]
 
 
 def show(state: State, estimate: Estimate, before: Estimate | None = None) -> None:

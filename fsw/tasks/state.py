@@ -64,7 +64,7 @@ class State:
     def begin(self, tick: int, time_ns: int) -> None:
         """Start a tick: what the frame tasks find belongs to this trigger."""
         self.tick, self.time_ns = tick, time_ns
-        self.measured = False
+        self.measured = self.pair.usable = False
 
     def clear_history(self) -> None:
         """Forget the displacements: what comes now does not belong to them."""

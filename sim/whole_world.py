@@ -1,0 +1,86 @@
+"""The scenario `small` with motion, light and cameras that may fail: for flights through the whole chain of vision.
+
+Motion and scene are those of the small world; here they act on images that the renderer draws.
+"""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.scenario import load_scenario
+from sim.surrogate_flap import Flap
+from sim.surrogate_motion import ModalMotion
+from sim.surrogate_world import Scene, dim, speckle
+from sim.world import World
+from wingbeat.kernels import kernel
+
+FloatArray = NDArray[np.float64]
+TILES = (6, 8)  # down and across: a glint covers one of them
+
+
+class WholeWorld:
+    """As SurrogateWorld, with real images: times_ns (T,), motion, scene, flap."""
+
+    def __init__(self, seconds: float, seed: int) -> None:
+        self.scenario = msgspec.structs.replace(load_scenario("small"), duration_s=seconds)
+        world = World(self.scenario, seed)
+        self.period_ns, self.times_ns = round(1e9 / self.scenario.rate_hz), world.times_ns
+        self.scene = Scene()
+        self.motion = ModalMotion(world.motion)
+        self.flap: Flap | None = None
+        self.height, self.width, self.dtype = world.eyes[0].height, world.eyes[0].width, world.dtype
+        self._world = world
+        moving = [e.mode - 1 for e in self.scenario.excitation]
+        self._shapes = (world.modes.patches[moving].T / world.modes.tip[moving]).T
+        self._hinged = hinged_surface(world.modes.x_mm, self.scenario.fold_lines_mm[-1], self._shapes.shape[2])
+        self._tip = np.zeros(self.motion.count)
+
+    def render(self, number: int, time_ns: int, eye: int, out: NDArray[Any]) -> None:
+        """Fill out (height, width) with what an eye (0 left, 1 right) sees; number: of the exposure, for its noise."""
+        time_s, scene = time_ns * 1e-9, self.scene
+        self.motion.tip_mm(time_s, self._tip)
+        bent = np.tensordot(self._tip, self._shapes, axes=1)
+        if self.flap is not None:
+            bent += self.flap.tip_mm(time_s) * self._hinged
+        self._world.render_bent(number, eye, bent, out)
+        if eye == 1 and scene.bump_px:
+            shift(out, scene.bump_px)
+        if scene.shadow > 0.0:
+            columns = round(scene.shadow * self.width)
+            dim(out[:, :columns] if scene.pattern % 2 else out[:, self.width - columns :], 1.0 / 16.0)
+        if scene.glint > 0.0 and eye == 0:
+            glare(out, scene.glint, scene.pattern)
+        if scene.gain != 1.0:
+            dim(out, scene.gain)
+        if scene.grain > 0.0:
+            speckle(out, scene.grain, (self._world.seed, number, eye))
+
+
+def hinged_surface(x_mm: FloatArray, fold_mm: float, rows: int) -> FloatArray:
+    """Patches (ex, rows, 4, 4) of a wing that is turned about a fold line alone, its end by 1 mm."""
+    surface = np.zeros((len(x_mm) - 1, rows, 4, 4))
+    beyond = x_mm[:-1] >= fold_mm - 1e-6
+    span = x_mm[-1] - fold_mm
+    surface[beyond, :, 0, 0] = ((x_mm[:-1] - fold_mm) / span)[beyond, None]
+    surface[beyond, :, 1, 0] = (np.diff(x_mm) / span)[beyond, None]
+    return surface
+
+
+def glare(image: NDArray[Any], share: float, pattern: int) -> None:
+    """Saturate a share of the image's tiles."""
+    down, across = TILES
+    tall, wide = image.shape[0] // down, image.shape[1] // across
+    order = np.random.default_rng([pattern, 66]).permutation(down * across)
+    for tile in order[: round(share * down * across)]:
+        top, left = tile // across * tall, tile % across * wide
+        image[top : top + tall, left : left + wide] = np.iinfo(image.dtype).max
+
+
+@kernel
+def shift(image: NDArray[Any], by_px: float) -> None:
+    """Move an image to the left by less than a pixel."""
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1] - 1):
+            image[i, j] = int((1.0 - by_px) * image[i, j] + by_px * image[i, j + 1] + 0.5)
