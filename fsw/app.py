@@ -153,7 +153,8 @@ class App:
             self._record,
             self._restart,
         )
-        self._command = CommandTask(self.state, drivers.outlets.bus, handlers, self.tables, replies, settings.arm_ticks)
+        bus, link = drivers.outlets.bus, drivers.outlets.link
+        self._command = CommandTask(self.state, bus, handlers, self.tables, replies, settings.arm_ticks, link)
         known: list[FrameTask | LongTask] = [
             self._command,
             self._acquire,

@@ -24,6 +24,7 @@ from fsw.tasks.acquire import DROPS
 from fsw.tasks.publish import Outlets
 from fsw.tasks.state import State
 from hal.bus import Bus
+from hal.link import Link
 from hal.store import FileStore
 from telemetry.dictionary import (
     EVENT_COUNT,
@@ -73,6 +74,7 @@ def fly(
     bus: Bus | None = None,
     each_tick: Callable[[], None] = lambda: None,
     vision: MakeVision = make_vision,
+    link: Link | None = None,
 ) -> dict[str, Any]:
     """Fly until the trigger ends, and leave the files of the contract in `folder`, but for summary.json and the report.
 
@@ -83,6 +85,7 @@ def fly(
         cells = make_wing_grid(tables.wing).cell
         outlets = Outlets(
             bus=bus,
+            link=link,
             can_log=stack.enter_context(CanLog(folder / "can.log")),
             mavlink_log=stack.enter_context(MavlinkLog(folder / "mavlink.tlog")),
             recorder=stack.enter_context(Recorder(folder / "flight.mcap", cells)),

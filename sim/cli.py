@@ -16,6 +16,7 @@ from fsw.run import SUMMARY, as_json, fly, run_folder
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight
 from hal.drivers.lockstep_clock import LockstepClock
+from hal.drivers.pymavlink_link import PymavlinkLink
 from hal.drivers.python_can import PythonCanBus
 from hal.drivers.realtime_process import become_realtime, restore
 from hal.store import FileStore
@@ -28,6 +29,7 @@ from sim.world import World
 from telemetry.modes_text import modes_table
 from telemetry.report import write_report
 from wingbeat.console import progress, write_json
+from wingbeat.errors import InputError
 
 
 class Pace(StrEnum):
@@ -44,9 +46,13 @@ def sil(
     out: Annotated[Path | None, typer.Option(help="Folder for the results; default runs/SCENARIO.")] = None,
     pace: Annotated[Pace, typer.Option(help="lockstep, or real: all images are drawn first.")] = Pace.LOCKSTEP,
     tables: Annotated[Path | None, typer.Option(help="Flight tables (TOML) to lay over the shipped ones.")] = None,
+    can: Annotated[str, typer.Option(help="CAN bus, INTERFACE:CHANNEL of python-can.")] = "virtual:wingbeat",
+    mavlink: Annotated[str | None, typer.Option(help="MAVLink line, such as udpout:127.0.0.1:14550.")] = None,
     json_file: Annotated[str | None, typer.Option("--json", help="modes and summary as JSON; - for stdout.")] = None,
 ) -> None:
     """Fly software in the loop: simulated wing, cameras and trigger, the real flight application, telemetry on files.
+
+    Commands may come over both lines; when they do, and in which tick, only --pace real makes a question of time.
 
     Example: wingbeat sil small --duration 10 --seed 3 --out runs/first
     """
@@ -62,13 +68,18 @@ def sil(
         clock = WorldClock() if pace is Pace.REAL else LockstepClock()
         trigger = SimulatedTrigger(world, clock)
         eyes = tuple(SimulatedCamera(world, eye, trigger, prerender=pace is Pace.REAL) for eye in (0, 1))
-        bus = PythonCanBus()
+        bus = PythonCanBus(*bus_names(can))
+        link = None if mavlink is None else PymavlinkLink(mavlink)
         drivers = Drivers((eyes[0], eyes[1]), trigger, clock, chosen.rate_hz, raw_line=True)
         try:
             with progress(f"sil {target.name}", chosen.ticks) as advance, _at_pace(pace) as granted:
-                figures = fly(Tables(cameras, wing, flight), drivers, folder, pace is Pace.LOCKSTEP, bus, advance)
+                figures = fly(
+                    Tables(cameras, wing, flight), drivers, folder, pace is Pace.LOCKSTEP, bus, advance, link=link
+                )
         finally:
             bus.close()
+            if link is not None:
+                link.close()
             for eye in eyes:
                 eye.close()
         truth = world.truth()
@@ -90,6 +101,14 @@ def sil(
                 f"{against['displacement_rms_mm']:.4f} mm rms (position {against['position_rms_z_mm']:.4f} mm in depth)"
             )
         typer.echo(f"files in {target}, start with {target / 'report.html'}")
+
+
+def bus_names(can: str) -> tuple[str, str]:
+    """Interface and channel. Raises InputError."""
+    interface, colon, channel = can.partition(":")
+    if not (interface and colon and channel):
+        raise InputError("is no bus", f"--can {can}", "name INTERFACE:CHANNEL, such as socketcan:vcan0")
+    return interface, channel
 
 
 @contextmanager

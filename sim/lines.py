@@ -106,7 +106,7 @@ class MemoryLink:
         self.off = False
 
     def receive(self) -> bytes:
-        """What came since the last call."""
+        """What has come since the last call."""
         data, self.uplink = bytes(self.uplink), bytearray()
         return data
 

@@ -247,10 +247,13 @@ PARAMETER_REFUSED = _event(
     704,
     "PARAMETER_REFUSED",
     _WARNING,
-    "parameter {parameter:.0f} not set to {value:g}, error {error:.0f}",
+    "parameter {parameter:.0f} not read or set to {value:g}: {error}",
     Argument("parameter"),
     Argument("value"),
-    Argument("error"),
+    Argument("error", choices=_names(TableFault)),
+)
+PARAMETERS_READ = _event(
+    705, "PARAMETERS_READ", _INFO, "parameter {parameter:.0f} read (none: all)", Argument("parameter")
 )
 
 # Tables.

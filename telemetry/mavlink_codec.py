@@ -16,14 +16,17 @@ from telemetry.dictionary import (
     FlightMode,
 )
 from telemetry.mavlink_dialect import MESSAGES, dialect, unavailable, wire_type
+from telemetry.mavlink_packet import (
+    COMPONENT_ID,
+    NO_PACKET,
+    SYSTEM_ID,
+    decode_packet,
+    is_unknown,
+    packet_length,
+)
+from telemetry.mavlink_uplink import Answered, answer_message
 from telemetry.scaling import clip, slot_values
 
-SYSTEM_ID = 1
-COMPONENT_ID = 191
-"""MAV_COMP_ID_ONBOARD_COMPUTER: a payload computer beside the spacecraft's own."""
-
-MAGIC = 0xFD
-HEADER_BYTES, CHECKSUM_BYTES, SIGNATURE_BYTES = 10, 2, 13
 _UINT64_MAX = (1 << 64) - 1
 
 
@@ -53,6 +56,10 @@ class MavlinkEncoder:
     def encode_on_demand(self, packet: Packet, board: Board, tick: int, time_ns: int) -> list[bytes]:
         """The message of one packet that has no period."""
         return self._packet(packet, board, tick, time_ns)
+
+    def encode_answer(self, answer: Answered) -> bytes:
+        """The message that answers the ground."""
+        return self._pack(answer_message(answer))
 
     def _packet(self, packet: Packet, board: Board, tick: int, time_ns: int) -> list[bytes]:
         of_tick, time_us = trigger_of(packet, board, tick, time_ns)
@@ -108,31 +115,16 @@ def parse_tlog(content: bytes) -> Iterator[Any]:
     Where bytes are no message, the reason stands in its place as a str; one corrupt stretch counts once, however
     many bytes the search for the next packet takes.
     """
-    made: Any = dialect()
-    link, at, lost = made.MAVLink(None), 0, False
+    link, at, lost = dialect().MAVLink(None), 0, False
     while at < len(content):
-        packet = _packet_at(content, at + 8)
-        message, problem = None, "no packet or a truncated one"
-        if packet is not None:
-            try:
-                message, problem = link.decode(bytearray(packet)), "unknown message"
-            except made.MAVError:
-                problem = "wrong CRC"
+        length = packet_length(content, at + 8)
+        whole = length is not None and at + 8 + length <= len(content)
+        found = decode_packet(link, content[at + 8 : at + 8 + length]) if whole and length is not None else NO_PACKET
         # The CRC of an unknown message cannot be checked: within a corrupt stretch it is no message at all.
-        unknown = message is not None and message.get_type().startswith("UNKNOWN")
-        if packet is not None and message is not None and not (unknown and lost):
-            yield problem if unknown else message
-            at, lost = at + 8 + len(packet), False
+        if length is not None and not isinstance(found, str) and not (lost and is_unknown(found)):
+            yield "unknown message" if is_unknown(found) else found
+            at, lost = at + 8 + length, False
         else:
             if not lost:
-                yield problem
+                yield found
             at, lost = at + 1, True
-
-
-def _packet_at(content: bytes, start: int) -> bytes | None:
-    """The bytes of the packet that starts there, by its own length; None if none can."""
-    if start + HEADER_BYTES > len(content) or content[start] != MAGIC:
-        return None
-    signed = SIGNATURE_BYTES if content[start + 2] & 1 else 0
-    end = start + HEADER_BYTES + content[start + 1] + CHECKSUM_BYTES + signed
-    return content[start:end] if end <= len(content) else None

@@ -6,6 +6,7 @@ import importlib.util
 import io
 import shutil
 import tempfile
+from collections.abc import Iterator
 from enum import IntEnum, IntFlag
 from pathlib import Path
 from types import ModuleType
@@ -14,12 +15,18 @@ from xml.etree import ElementTree
 import pymavlink
 from pymavlink.generator import mavgen, mavparse
 
+from telemetry.commands import COMMANDS, Spec
 from telemetry.declaration import Kind, Packet, Point
 from telemetry.dictionary import PACKETS, SATURATED, TICK
 
 NAME = "wingbeat"
 MESSAGES = {packet: f"WINGBEAT_{packet.name.upper()}" for packet in PACKETS}
 """A packet's message; one of several slots is sent as so many messages, each with its slot."""
+
+COMMAND_BASE = 54000
+"""A command's number in COMMAND_LONG, less its number in telemetry/commands.py."""
+TABLE_DATA, TABLE_DATA_MESSAGE_ID = "WINGBEAT_TABLE_DATA", 54900
+PIECE_BYTES, PIECES = 4, 32
 
 _SHIPPED = Path(pymavlink.__file__).parent / "dialects" / "v20"
 _INCLUDED = ("common.xml", "standard.xml", "minimal.xml")
@@ -47,9 +54,11 @@ def dialect_xml() -> str:
     choices = {p.choices: p for packet in PACKETS for p in packet.points if p.choices is not None}
     for enum in choices:
         _enum(enums, enum)
+    _commands(enums)
     messages = ElementTree.SubElement(root, "messages")
     for packet in sorted(PACKETS, key=lambda packet: packet.mavlink_id):
         _message(messages, packet)
+    _table_data(messages)
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -68,6 +77,40 @@ def _enum(parent: ElementTree.Element, choices: type[IntEnum] | type[IntFlag]) -
         name = f"{enum_name(choices)}_{choice.name}"
         entry = ElementTree.SubElement(enum, "entry", value=str(int(choice)), name=name)
         ElementTree.SubElement(entry, "description").text = (choice.name or "").lower().replace("_", " ")
+
+
+def _commands(parent: ElementTree.Element) -> None:
+    """The commands, as further entries of MAV_CMD."""
+    enum = ElementTree.SubElement(parent, "enum", name="MAV_CMD")
+    for command, spec in COMMANDS.items():
+        name = f"WINGBEAT_CMD_{command.name}"
+        entry = ElementTree.SubElement(enum, "entry", value=str(COMMAND_BASE + command), name=name)
+        ElementTree.SubElement(entry, "description").text = f"wingbeat: {spec.meaning}"
+        for index, text in enumerate(_parameters(spec), 1):
+            ElementTree.SubElement(entry, "param", index=str(index)).text = text
+
+
+def _parameters(spec: Spec) -> Iterator[str]:
+    """Meaning of a command's seven parameters."""
+    yield "selector: " + (", ".join(f"{number} {name}" for number, name in spec.selector.items()) or "0")
+    yield f"low 16 bits of the value, which may be {spec.value[0]} to {spec.value[1]}"
+    yield "high 16 bits of the value"
+    yield from ["0"] * 4
+
+
+def _table_data(parent: ElementTree.Element) -> None:
+    """The one message of ours that goes up: pieces of a table."""
+    message = ElementTree.SubElement(parent, "message", id=str(TABLE_DATA_MESSAGE_ID), name=TABLE_DATA)
+    text = "wingbeat: consecutive pieces of the table that TABLE_LOAD announced"
+    ElementTree.SubElement(message, "description").text = text
+    for kind, name, meaning in (
+        ("uint8_t", "target_system", "system that is to take them"),
+        ("uint8_t", "target_component", "component that is to take them"),
+        ("uint16_t", "piece", f"number of the first piece of {PIECE_BYTES} bytes, counted from 0"),
+        ("uint8_t", "count", "pieces in this message"),
+        (f"uint8_t[{PIECE_BYTES * PIECES}]", "data", "their bytes"),
+    ):
+        ElementTree.SubElement(message, "field", type=kind, name=name).text = meaning
 
 
 def _message(parent: ElementTree.Element, packet: Packet) -> None:

@@ -15,8 +15,8 @@ from telemetry.dictionary import (
     TableFault,
 )
 from telemetry.events import EVENTS
-from telemetry.mavlink_codec import COMPONENT_ID, SYSTEM_ID
-from telemetry.mavlink_dialect import MESSAGES
+from telemetry.mavlink_dialect import COMMAND_BASE, MESSAGES, PIECES, TABLE_DATA
+from telemetry.mavlink_packet import COMPONENT_ID, SYSTEM_ID
 
 _HEAD = f"""\
 # Telemetry
@@ -47,7 +47,17 @@ _UPLINK = f"""\
 Identifier 0x{COMMAND_ID:03X}: byte 0 number, byte 1 selector, bytes 2-5 value, byte 6 sequence, byte 7 CRC as above. A
 table goes up in pieces of four bytes under 0x{TABLE_DATA_ID:03X}: bytes 0-1 number of the piece, bytes 2-5 the bytes,
 byte 6 sequence, byte 7 CRC. Each command has one event and one `ack` packet. The frame that came last, again, is
-answered as before and not carried out again. `wingbeat command` makes these frames."""
+answered as before and not carried out again. `wingbeat command` makes these frames.
+
+On **MAVLink** the same commands come as COMMAND_LONG to system {SYSTEM_ID}, component {COMPONENT_ID} (0: to all):
+`command` is {COMMAND_BASE} and the number, param1 the selector, param2 and param3 the low and the high 16 bits of the
+value, the others 0 or NaN. COMMAND_ACK answers; its `result_param2` is the result below and, times 256, the detail of
+the `ack` packet. A `confirmation` above 0 says that the sender asked before: the command that came last, again, is
+answered as before and not carried out again. Pieces of a table come in {TABLE_DATA}, {PIECES} of them at most. The
+numbers of the tables VISION, IDENTIFY and EXECUTIVE are **parameters** (PARAM_REQUEST_LIST, PARAM_REQUEST_READ,
+PARAM_SET; type REAL32): a table's first letter, `_`, and the first letters of the key. A value that is set becomes
+active at the end of the hyperperiod, and is answered with PARAM_VALUE; a refusal with PARAM_ERROR, and PARAM_VALUE with
+the value that stays. `wingbeat export mavlink` describes all of it to other tools."""
 
 _REQUIREMENTS = (
     (

@@ -152,7 +152,7 @@ class Ground:
         upload = self.bank.upload
         return (
             state.tobytes(), images, upload.number, upload.length, upload.content, upload.missing, self.bank.pending,
-            list(self.tasks.switched), list(self.done), self.state.causes, self.state.mode, self.task._armed,
+            list(self.tasks.switched), list(self.done), self.state.causes, self.state.mode, self.task.desk.armed,
             self.replies.dumping,
         )  # fmt: skip
 

@@ -1,12 +1,15 @@
 """Clocks, CAN drivers and the file store keep what their interfaces promise."""
 
+import socket
 import threading
+import time
 from pathlib import Path
 
 import can
 import pytest
 
 from hal.drivers.lockstep_clock import LockstepClock
+from hal.drivers.pymavlink_link import PymavlinkLink
 from hal.drivers.python_can import PythonCanBus
 from hal.drivers.realtime_clock import RealtimeClock
 from hal.store import FileStore
@@ -95,3 +98,25 @@ def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> No
         FileStore(tmp_path / "file" / "run")
     with pytest.raises(InputError, match="cannot write"):
         FileStore(tmp_path).write("missing/name", b"")
+
+
+def test_a_udp_line_carries_bytes_both_ways_and_a_bad_one_is_named() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(2.0)
+        link = PymavlinkLink(f"udpout:127.0.0.1:{ground.getsockname()[1]}")
+        assert link.receive() == b""
+        assert link.send(b"down")
+        data, flight = ground.recvfrom(100)
+        ground.sendto(b"up", flight)
+        heard = b""
+        for _ in range(200):
+            heard += link.receive()
+            if heard:
+                break
+            time.sleep(0.01)
+        link.close()
+    assert (data, heard) == (b"down", b"up")
+    for url in ("nothing", "udpin:127.0.0.1", "udpin:127.0.0.1:port"):
+        with pytest.raises(InputError, match=url):
+            PymavlinkLink(url)

@@ -340,3 +340,12 @@ def test_in_flight_a_lost_lease_and_a_double_release_are_told(footage: Footage, 
         assert names(heard).count("POOL_VIOLATION") == 1
         assert names(heard).count("LEASES_OUTSTANDING") == 1
         assert payload_of([1]) == b"[1]"
+
+
+@pytest.mark.requirement("WB-TAB-07")
+def test_a_table_so_damaged_that_it_has_no_bytes_is_made_good_from_its_image() -> None:
+    copy = make_bank().stores[VISION].active
+    good = copy.table.least_cells
+    msgspec.structs.force_setattr(copy.table, "least_cells", object())
+    assert not copy.table_whole and copy.image_whole
+    assert copy.repair() and copy.intact and copy.table.least_cells == good

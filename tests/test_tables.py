@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -160,6 +161,14 @@ def test_a_transposed_rotation_is_found_and_named(hardware: tuple[CamerasTable, 
         check_overlap(rig(cameras, R.T, t), wing, "cameras.toml")
 
 
+def test_an_inverted_rig_is_found_and_named(hardware: tuple[CamerasTable, WingTable]) -> None:
+    cameras, wing = hardware
+    R, t = cv2.Rodrigues(np.array([-0.25, -0.29, 0.14]))[0], np.array([777.0, -453.0, 1013.0])
+    check_overlap(rig(cameras, R, t), wing)
+    with pytest.raises(InputError, match=r"X_left = R X_right \+ t: inverted they overlap"):
+        check_overlap(rig(cameras, R.T, -R.T @ t), wing)
+
+
 def test_eyes_that_look_apart_whatever_is_transposed_are_refused(
     hardware: tuple[CamerasTable, WingTable],
 ) -> None:
@@ -229,6 +238,11 @@ def test_a_flight_file_replaces_only_what_it_gives(tmp_path: Path) -> None:
         ('[vision]\nmethod = "magic"\n', "vision.method = 'magic'; allowed: edges, paper"),
         ("identify = 3\n", "identify = 3; expected table, got int"),
         ("schedule = []\n", "schedule = "),
+        (
+            '[[schedule]]\ntask = "x"\nbudgt_ms = 1.0\n',
+            r"unknown key budgt_ms in \[schedule\[0\]\]; did you mean budget_ms",
+        ),
+        ('[[schedule]]\ntask = "x"\nbudget_ms = 1.0\ncriticality = "vital"\n', "'vital'; allowed: critical, normal"),
         (
             '[[limit]]\nnumber = 1\npoint = "cmpp"\nper = "frame"\nset_after = 1\nclear_after = 1\nlow_red = 1.0\n',
             "no point is called",

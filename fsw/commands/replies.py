@@ -2,26 +2,35 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 from telemetry.board import Board
 from telemetry.declaration import Packet
 from telemetry.dictionary import ACK_PACKET, DUMP_PACKET, DUMP_WORDS
+from telemetry.mavlink_uplink import Answered
 
 PLACES = 64
 """Answers that wait. Full: the newest one is not taken, and that is counted."""
 A_TICK = 20
 """Answers that are sent in one tick, at most: sixteen commands have theirs."""
 DUMPS_A_TICK = 2
+LISTED_A_TICK = 4
+"""Parameters of a list that are sent in one tick."""
 WORD_BYTES = 6
 PIECE_BYTES = WORD_BYTES * len(DUMP_WORDS)
 
 
 class Replies:
-    """Acknowledgements and timings, in order; and one table at a time on its way down, in pieces."""
+    """Acknowledgements and timings, in order; and one table at a time on its way down, in pieces.
+
+    Answers to a MAVLink line have a queue of their own; a list of all parameters goes down a few a tick.
+    """
 
     def __init__(self) -> None:
         self.lost = 0
         self._waiting: deque[tuple[Packet, tuple[float, ...]]] = deque(maxlen=PLACES)
+        self._answers: deque[Answered] = deque(maxlen=PLACES)
+        self._list: Iterator[Answered] = iter(())
         self._board = Board()
         self._table, self._image, self._at = 0, b"", 0
 
@@ -35,6 +44,23 @@ class Replies:
     def acknowledge(self, command: float, result: int, sequence: float, detail: int) -> None:
         """Queue the answer to a command."""
         self.add(ACK_PACKET, (command, result, sequence, detail))
+
+    def answer(self, answer: Answered) -> None:
+        """Queue an answer to the MAVLink line."""
+        if len(self._answers) == PLACES:
+            self.lost += 1
+        else:
+            self._answers.append(answer)
+
+    def show_all(self, answers: Iterator[Answered]) -> None:
+        """Answer with a list, a few a tick; it takes the place of one that is under way."""
+        self._list = answers
+
+    def answers(self) -> Iterator[Answered]:
+        """What is to be sent on the MAVLink line in this tick."""
+        for _ in range(min(A_TICK, len(self._answers))):
+            yield self._answers.popleft()
+        yield from islice(self._list, LISTED_A_TICK)
 
     @property
     def dumping(self) -> bool:

@@ -78,6 +78,11 @@ class TableBank:
         active = self.stores[number].active.table
         if isinstance(active, msgspec.Struct) and isinstance(given, dict):
             given = msgspec.to_builtins(active) | given
+        return self.offer(number, given)
+
+    def offer(self, number: TableNumber, given: Any) -> TableFault:
+        """Check a whole table in plain values, and put it beside the active one."""
+        key = FIELDS[number]
         try:
             table = convert_table({key: given}, _ALONE[number], key)
         except (InputError, RecursionError):

@@ -108,9 +108,7 @@ def _type_at(kind: Any, path: str) -> Any:
 
 
 def _bare(node: Any) -> Any:
-    """A type without its metadata, and without "or nothing"."""
+    """A type without its metadata."""
     while isinstance(node, msgspec.inspect.Metadata):
         node = node.type
-    if isinstance(node, msgspec.inspect.UnionType):
-        node = _bare(next(t for t in node.types if not isinstance(t, msgspec.inspect.NoneType)))
     return node

@@ -23,9 +23,13 @@ class Upload:
         self._here[:] = bytes(len(self._here))
         return True
 
+    def expects(self, chunk: int) -> bool:
+        """Whether the announced table has a piece with this number."""
+        return self.number is not None and 0 <= chunk < self._chunks
+
     def put(self, chunk: int, data: bytes) -> bool:
         """Take the piece with this number, counted from 0; False if none such is expected."""
-        if self.number is None or not 0 <= chunk < self._chunks or len(data) != CHUNK_BYTES:
+        if not self.expects(chunk) or len(data) != CHUNK_BYTES:
             return False
         self._bytes[chunk * CHUNK_BYTES : (chunk + 1) * CHUNK_BYTES] = data
         self._here[chunk] = 1

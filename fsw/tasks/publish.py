@@ -1,13 +1,14 @@
 """publish: what the board and the event queue hold, to the buses and the files. The last task of a tick."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO, ParamSpec
 
 from fsw.commands.replies import Replies
 from fsw.tasks.state import State
 from hal.bus import Bus
+from hal.link import Link
 from telemetry.board import EventRecord
 from telemetry.can_codec import CanEncoder
 from telemetry.dictionary import BUS_DROPPED, BUS_ERRORS, STORAGE_ERRORS, STORAGE_FAILED
@@ -27,6 +28,7 @@ class Outlets:
 
     bus: Bus | None = None
     can_log: CanLog | None = None
+    link: Link | None = None
     mavlink_log: MavlinkLog | None = None
     recorder: Recorder | None = None
     events: BinaryIO | None = None
@@ -60,9 +62,7 @@ class Publish:
         self.drain_events()
         self._answer(tick, time_ns)
         self._send_can(self._can.encode(state.board, tick, time_ns), time_ns)
-        messages = self._mavlink.encode(state.board, tick, time_ns)
-        if outlets.mavlink_log is not None:
-            self._keep(outlets.mavlink_log.write, time_ns, messages)
+        self._send_mavlink(self._mavlink.encode(state.board, tick, time_ns), time_ns)
         if outlets.recorder is not None and self.recording:
             self._keep(outlets.recorder.packets, state.board, tick, time_ns)
             if state.measured:
@@ -83,16 +83,14 @@ class Publish:
     def _answer(self, tick: int, time_ns: int) -> None:
         for packet, board in self._replies.due():
             self._send_can(self._can.encode_on_demand(packet, board, tick, time_ns), time_ns)
-            messages = self._mavlink.encode_on_demand(packet, board, tick, time_ns)
-            if self._outlets.mavlink_log is not None:
-                self._keep(self._outlets.mavlink_log.write, time_ns, messages)
+            self._send_mavlink(self._mavlink.encode_on_demand(packet, board, tick, time_ns), time_ns)
+        for answer in self._replies.answers():
+            self._send_mavlink([self._mavlink.encode_answer(answer)], time_ns)
 
     def _send_event(self, record: EventRecord) -> None:
         outlets = self._outlets
         self._send_can(self._can.encode_event(record), record.time_ns)
-        messages = self._mavlink.encode_event(record)
-        if outlets.mavlink_log is not None:
-            self._keep(outlets.mavlink_log.write, record.time_ns, messages)
+        self._send_mavlink(self._mavlink.encode_event(record), record.time_ns)
         if outlets.recorder is not None:
             self._keep(outlets.recorder.event, record)
         if outlets.events is not None:
@@ -106,6 +104,14 @@ class Publish:
                 self._dropped += not outlets.bus.send(can_id, data, time_ns)
         if outlets.can_log is not None:
             self._keep(outlets.can_log.write, time_ns, self._can, count)
+
+    def _send_mavlink(self, messages: Sequence[bytes], time_ns: int) -> None:
+        outlets = self._outlets
+        if outlets.link is not None:
+            for message in messages:
+                self._dropped += not outlets.link.send(message)
+        if outlets.mavlink_log is not None:
+            self._keep(outlets.mavlink_log.write, time_ns, messages)
 
     def _keep(self, write: Callable[P, object], *args: P.args, **kwargs: P.kwargs) -> None:
         """Write to a file; a store that is full or gone is no reason to stop flying."""
