@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from modal_records import DAMPING, stationary
 
 from fsw.channels import read_channels
 from fsw.modal.ambient import expected_peak
 from fsw.modal.pipeline import identify
 from fsw.modal.uncertainty import au_law
+from sim.bench.modal_records import DAMPING, stationary
 
 RECORDS = Path(__file__).parents[2] / "shared" / "data" / "records"
 MODES = {"B1": 0.72, "T1": 3.0, "B2": 4.2}

@@ -2,17 +2,23 @@
 
 import numpy as np
 import pytest
-from modal_records import DAMPING, DECAYS, flight, free_decay, grid, pole, published, shapes
 
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.pipeline import identify
 from fsw.modal.refinement import project, refine
 from fsw.modal.result import Options, to_contract
-from fsw.modal.uncertainty import cramer_rao_decay
+from fsw.modal.uncertainty import modal_sigmas
+from sim.bench.modal_bounds import cramer_rao
+from sim.bench.modal_records import DAMPING, DECAYS, flight, free_decay, grid, pole, published, shapes
 from wingbeat.errors import InputError
 
 D2 = DECAYS["D2"][0]
 SEEDS = {"D1": 10, "D2": 6, "D3": 4}
+
+
+def record_of(case, seed):
+    record = published(case, seed)
+    return record.time_s, record.noisy
 
 
 @pytest.fixture(scope="module")
@@ -22,14 +28,14 @@ def runs():
     for case, seeds in SEEDS.items():
         over_bound, over_sigma = [], []
         for seed in range(seeds):
-            time_s, clean, noisy, poles, noise = published(case, 100 + seed)
-            found = identify(time_s, noisy)
+            record = published(case, 100 + seed)
+            found = identify(record.time_s, record.noisy)
             assert found.kind == "decay"
-            assert [m.valid for m in found.modes] == [True] * len(poles), (case, seed, found.modes)
-            truth = np.array([[f, DAMPING] for f in DECAYS[case][0].values()])
+            assert [m.valid for m in found.modes] == [True] * len(record.frequency_hz), (case, seed, found.modes)
+            truth = np.array([[f, DAMPING] for f in record.frequency_hz])
             error = np.array([[m.frequency_hz, m.damping_ratio] for m in found.modes]) - truth
             sigma = np.array([[m.frequency_sigma_hz, m.damping_ratio_sigma] for m in found.modes])
-            over_bound.append(error / cramer_rao_decay(time_s, clean, poles, noise))
+            over_bound.append(error / cramer_rao(record))
             over_sigma.append(error / sigma)
         table[case] = np.array(over_bound), np.array(over_sigma)
     return table
@@ -51,28 +57,34 @@ def test_intervals_of_95_per_cent_cover_about_95_per_cent(runs):
 
 
 def test_cramer_rao_bound_of_one_slowly_damped_line_is_the_textbook_value():
-    # var(omega) = 12 sigma^2 / (a^2 / 2 * N * T^2 * ...): 24 sigma^2 / (a^2 N T^2) for a real sinusoid of many cycles.
+    # 24 sigma^2 / (a^2 N T^2): the variance of a real sinusoid's angular frequency, over many cycles.
     time_s = np.arange(2000) / 50.0
-    s = pole(5.0, 1e-7)
-    clean = 3.0 * np.exp(s * time_s).real[:, None]
-    sigma = cramer_rao_decay(time_s, clean, np.array([s]), 0.1)[0, 0]
-    textbook = np.sqrt(24.0 * 0.1**2 / (3.0**2 * len(time_s) * time_s[-1] ** 2)) / (2.0 * np.pi)
-    assert sigma == pytest.approx(textbook, rel=0.01)
+    record = free_decay({"B1": 5.0}, time_s, (2, 2), 0.1, 1, damping=1e-7)
+    power = np.sum((record.amplitude_mm[:, None] * record.shape) ** 2)
+    textbook = np.sqrt(24.0 * 0.1**2 / (power * len(time_s) * time_s[-1] ** 2)) / (2.0 * np.pi)
+    assert cramer_rao(record)[0, 0] == pytest.approx(textbook, rel=0.01)
+
+
+def test_information_of_a_fit_to_the_truth_is_the_cramer_rao_bound():
+    record = published("D3", 1)
+    poles = np.array([pole(f) for f in record.frequency_hz])
+    fit = project(record.time_s, record.clean / record.noise_mm, poles, 0)
+    assert np.allclose(modal_sigmas(poles, fit.information, np.ones(4)), cramer_rao(record), rtol=0.01)
 
 
 def test_refinement_finds_the_exact_poles_of_a_noise_free_record_with_gaps_and_jitter():
     rng = np.random.default_rng(0)
     time_s = np.sort(rng.uniform(0.0, 20.0, 300))
     time_s -= time_s[0]
-    clean, _ = free_decay(D2, time_s, (5, 4), 0.0, 1)
+    clean = free_decay(D2, time_s, (5, 4), 0.0, 1).clean
     start = np.array([pole(0.722, 0.01), pole(3.01, 0.003), pole(4.18, 0.01)])
     fit = refine(time_s, clean, start, 2)
     assert np.allclose(fit.poles, [pole(f) for f in D2.values()], rtol=1e-9)
 
 
 def test_information_of_the_fit_is_the_curvature_of_the_cost():
-    time_s, _, noisy, poles, _ = published("D2", 3)
-    fit = refine(time_s, noisy, poles, 1)
+    time_s, noisy = record_of("D2", 3)
+    fit = refine(time_s, noisy, np.array([pole(f) for f in D2.values()]), 1)
     step = 1e-5
     for k, move in enumerate((step, 1j * step)):
         moved = [project(time_s, noisy, fit.poles + sign * move * np.eye(3)[0], 1).cost for sign in (-1, 1)]
@@ -85,7 +97,7 @@ def test_dropped_frames_and_jitter_cost_nothing_with_true_time_stamps():
     time_s = np.arange(600) / 20.0
     time_s = time_s[rng.uniform(size=600) > 0.1]
     time_s = time_s - time_s[0] + rng.uniform(0.0, 0.02, len(time_s))
-    _, noisy = free_decay(D2, time_s, (5, 4), 0.2, 9)
+    noisy = free_decay(D2, time_s, (5, 4), 0.2, 9).noisy
     noisy[rng.uniform(size=noisy.shape) < 0.003] = np.nan
     found = identify(time_s, noisy).modes
     assert [m.valid for m in found] == [True] * 3
@@ -94,7 +106,7 @@ def test_dropped_frames_and_jitter_cost_nothing_with_true_time_stamps():
 
 
 def test_shapes_and_amplitudes_are_those_of_the_record():
-    time_s, _, noisy, _, _ = published("D2", 5)
+    time_s, noisy = record_of("D2", 5)
     form = shapes(*grid(5, 4))
     noisy[:, 7] = np.nan
     found = identify(time_s, noisy).modes
@@ -139,16 +151,16 @@ def test_least_amplitude_of_interest_can_be_set():
 def test_a_frequency_that_moves_is_flagged_and_its_damping_withheld():
     time_s = np.arange(400) / 20.0
     for seed in range(4):
-        moving = identify(time_s, free_decay(D2, time_s, (5, 4), 0.2, seed, change=-0.03)[1])
+        moving = identify(time_s, free_decay(D2, time_s, (5, 4), 0.2, seed, change=-0.03).noisy)
         assert "time_varying" in moving.flags and moving.valid_modes == []
         assert to_contract(moving)["modes"][0]["damping_ratio"] is None
-        steady = identify(time_s, free_decay(D2, time_s, (5, 4), 0.2, seed)[1])
+        steady = identify(time_s, free_decay(D2, time_s, (5, 4), 0.2, seed).noisy)
         assert "time_varying" not in steady.flags
 
 
 @pytest.mark.requirement("WB-MOD-04")
 def test_a_lamp_line_is_a_harmonic_and_leaves_the_modes_alone():
-    time_s, _, noisy, _, _ = published("D2", 2)
+    time_s, noisy = record_of("D2", 2)
     lamp = 0.8 * np.cos(2.0 * np.pi * 1.7 * time_s)[:, None] * np.linspace(0.2, 1.0, 20)
     found = identify(time_s, noisy + lamp)
     assert [m.flags for m in found.modes if abs(m.frequency_hz - 1.7) < 0.01] == [["harmonic"]]
@@ -158,20 +170,20 @@ def test_a_lamp_line_is_a_harmonic_and_leaves_the_modes_alone():
 @pytest.mark.requirement("WB-MOD-04")
 def test_a_mode_that_may_be_an_alias_is_not_valid():
     time_s = np.arange(160) / 8.0
-    found = identify(time_s, free_decay({"B1": 0.72, "B2": 4.2}, time_s, (5, 4), 0.2, 3)[1])
+    found = identify(time_s, free_decay({"B1": 0.72, "B2": 4.2}, time_s, (5, 4), 0.2, 3).noisy)
     assert [m.frequency_hz for m in found.valid_modes] == pytest.approx([0.72], rel=1e-3)
     assert found.modes[-1].flags == ["near_nyquist"] and "near_nyquist" in found.flags
 
 
 @pytest.mark.requirement("WB-MOD-04")
 def test_drift_is_no_mode():
-    time_s, _, noisy, _, _ = published("D2", 2)
+    time_s, noisy = record_of("D2", 2)
     drift = (0.5 * time_s - 0.02 * time_s**2)[:, None] * np.linspace(0.2, 1.0, 20)
     assert [round(m.frequency_hz, 2) for m in identify(time_s, noisy + drift).modes] == [0.72, 3.0, 4.2]
 
 
 def test_quiet_before_the_strike_is_left_out():
-    noisy = published("D2", 2)[2]
+    noisy = published("D2", 2).noisy
     quiet = 0.2 * np.random.default_rng(0).standard_normal((150, 20))
     found = identify(np.arange(750) / 20.0, np.vstack([quiet, noisy]))
     assert found.kind == "decay" and len(found.valid_modes) == 3
@@ -179,7 +191,7 @@ def test_quiet_before_the_strike_is_left_out():
 
 
 def test_one_channel_is_enough():
-    time_s, _, noisy, _, _ = published("D2", 6)
+    time_s, noisy = record_of("D2", 6)
     assert np.allclose(
         [m.frequency_hz for m in identify(time_s, noisy[:, -1]).valid_modes], [0.72, 3.0, 4.2], rtol=1e-3
     )
@@ -194,7 +206,7 @@ def test_same_input_gives_the_same_bytes():
 
 
 def test_diagram_shows_stable_poles_and_a_peak_at_the_modes():
-    time_s, _, noisy, _, _ = published("D2", 1)
+    time_s, noisy = record_of("D2", 1)
     diagram = identify(time_s, noisy).diagram
     near = np.abs(diagram.frequency_hz - 3.0) < 0.03
     assert np.count_nonzero(near & diagram.stable) >= 5

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from modal_records import pole
 from scipy.linalg import hankel
 
 from fsw.modal.correlation import fixed_window, spectral
 from fsw.modal.indicators import amplitude_coherence, modal_singular_value, shape_assurance
 from fsw.modal.realisation import block_hankel, continuous, frequency_and_damping, poles_of_order, realise
+from sim.bench.modal_records import pole
 
 RATE_HZ = 20.0
 POLES = np.array([pole(0.72, 0.005), pole(0.75, 0.008), pole(4.2, 0.02)])

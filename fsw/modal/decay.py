@@ -1,6 +1,7 @@
 """A free decay: subspace candidates, maximum likelihood refinement, and a second look at what is left over."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from fsw.modal.coordinates import even_grid
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.refinement import Fit, project, refine, significance
 from fsw.modal.result import Options
-from fsw.modal.uncertainty import direction, noise_beside
+from fsw.modal.uncertainty import noise_beside
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -27,6 +28,9 @@ _REFINEMENTS = 3
 _SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
 _FALSE_ALARM = 1e-9
+# The residual is searched again while it has a peak of this share of what a mode must have: a sinusoid of amplitude a
+# has the statistic a^2 T / 2, and a peak of a^2 T^2 / 4.
+_WORTH_A_LOOK = 0.25
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -61,9 +65,10 @@ def find_decay(
     # At first the fit is the drift alone, of signals as they are: the whitening is known once modes are.
     fit = project(time_s, signals, np.zeros(0, np.complex128), degree)
     for _ in range(_PASSES):
-        found, poles = subspace_candidates(
-            even_grid(time_s, fit.residual, rate_hz), rate_hz, correlation, options.block_rows, options.order
-        )
+        left = even_grid(time_s, fit.residual, rate_hz)
+        if known and _tallest(left) < _WORTH_A_LOOK * _least_statistic(left.shape[1]) * len(left) / 2.0:
+            break
+        found, poles = subspace_candidates(left, rate_hz, correlation, options.block_rows, options.order)
         diagram = diagram or poles
         fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole.s, fit, time_s)]
         fresh = fresh[: max(most - len(known), 0)]
@@ -125,18 +130,19 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
         stronger = [i for i in range(len(values)) if values[i] > values[j] or (values[i] == values[j] and i < j)]
         if any(_split(time_s, fit, int(j), i) for i in stronger):
             return int(j)
-    limit = float(chi2.isf(_FALSE_ALARM, 2 * fit.residual.shape[1]))
-    excess = np.array(
-        [
-            value / (limit * max(noise_beside(time_s, fit.residual, direction(fit, j), abs(s) / (2.0 * np.pi)), 1.0))
-            for j, (value, s) in enumerate(zip(values, fit.poles, strict=True))
-        ]
-    )
+    limit = _least_statistic(fit.residual.shape[1])
+    excess = values / (limit * np.maximum(noise_beside(time_s, fit), 1.0))
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
     excess[(cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))] = 0.0
     worst = int(np.argmin(excess))
     return worst if excess[worst] < 1.0 else None
+
+
+@lru_cache
+def _least_statistic(coordinates: int) -> float:
+    """What a mode's amplitudes in so many coordinates of white noise exceed by chance alone in one case of many."""
+    return float(chi2.isf(_FALSE_ALARM, 2 * coordinates))
 
 
 def complex_shape(fit: Fit, mode: int) -> ComplexArray:
@@ -178,6 +184,7 @@ def onset(time_s: FloatArray, signals: FloatArray) -> int:
 def convincing(
     time_s: FloatArray,
     signals: FloatArray,
+    rate_hz: float,
     fit: Fit,
     drift_degree: int,
     coherence: FloatArray,
@@ -198,15 +205,12 @@ def convincing(
     ]
     energy = np.array([float(np.sum(part**2)) for part in parts])
     matters = energy > _MATTERS * float(np.max(energy))
-    hz = np.arange(1.5, 0.5 * len(time_s)) / float(time_s[-1])
-    left_over, total = (_tallest(time_s, series, hz) for series in (plain.residual, moving))
+    left_over, total = (_tallest(even_grid(time_s, series, rate_hz)) for series in (plain.residual, moving))
     return bool(np.all(coherence[matters] > 0.9) and np.any(falling & matters) and left_over < _LEFT_OVER * total)
 
 
-def _tallest(time_s: FloatArray, series: FloatArray, hz: FloatArray) -> float:
-    """Largest power over frequency, summed over the coordinates; true stamps, in blocks of bounded memory."""
-    tallest = 0.0
-    for block in np.array_split(hz, max(len(hz) * len(time_s) // 2_000_000, 1)):
-        waves = np.exp(-2j * np.pi * block[:, None] * time_s)
-        tallest = max(tallest, float(np.max(np.sum(np.abs(waves @ series) ** 2, axis=1), initial=0.0)))
-    return tallest
+def _tallest(signals: FloatArray) -> float:
+    """Largest power over frequency, summed over the coordinates of an even grid (N, p)."""
+    count = len(signals)
+    power = np.sum(np.abs(np.fft.rfft(signals, 2 * count, axis=0)) ** 2, axis=1)
+    return float(np.max(power[3:], initial=0.0))  # from 1.5 / T: below is drift

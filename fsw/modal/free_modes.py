@@ -23,7 +23,14 @@ from fsw.modal.gates import (
 )
 from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options
-from fsw.modal.uncertainty import departure, direction, fit_coherence, frequency_change, modal_sigmas, noise_beside
+from fsw.modal.uncertainty import (
+    departure,
+    fit_coherence,
+    frequency_change,
+    modal_sigmas,
+    noise_beside,
+    weighting_loss,
+)
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -44,8 +51,8 @@ def identify_decay(
     fit = decay.fit
     count = len(fit.poles)
     frequency_hz, damping = np.abs(fit.poles) / (2.0 * np.pi), -fit.poles.real / np.abs(fit.poles)
-    noise = np.array([noise_beside(time_s, fit.residual, direction(fit, j), frequency_hz[j]) for j in range(count)])
-    sigmas = modal_sigmas(fit.poles, fit.information, noise)
+    loss = weighting_loss(len(time_s) - len(fit.triangle), fit.residual.shape[1])
+    sigmas = modal_sigmas(fit.poles, fit.information, loss * noise_beside(time_s, fit))
     coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
     agrees = early_part_agrees(time_s, coordinates.signals[start:], fit, options.drift_degree)
     shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
@@ -75,7 +82,8 @@ def identify_decay(
     modes = doubted(modes)
     falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
     signals = coordinates.signals[start:]
-    return modes, decay.diagram, convincing(time_s, signals, fit, options.drift_degree, coherence, falling)
+    is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, options.drift_degree, coherence, falling)
+    return modes, decay.diagram, is_decay
 
 
 def doubted(modes: list[Mode]) -> list[Mode]:
@@ -103,8 +111,7 @@ def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_d
         return agrees
     early = refine(time_s[:part], signals[:part], fit.poles, drift_degree)
     frequency_hz, damping = np.abs(early.poles) / (2.0 * np.pi), -early.poles.real / np.abs(early.poles)
-    noise = [noise_beside(time_s[:part], early.residual, direction(early, j), f) for j, f in enumerate(frequency_hz)]
-    sigmas = modal_sigmas(early.poles, early.information, np.array(noise))
+    sigmas = modal_sigmas(early.poles, early.information, noise_beside(time_s[:part], early))
     off_hz = np.abs(frequency_hz - np.abs(fit.poles) / (2.0 * np.pi))
     off_damping = np.abs(damping + fit.poles.real / np.abs(fit.poles))
     for j, f in enumerate(frequency_hz):
@@ -133,7 +140,7 @@ def _flags(
     duration_s = float(time_s[-1])
     f, zeta = float(frequency_hz[j]), float(damping[j])
     flags = common_flags(f, float(sigmas[j, 0]), zeta, float(decay.coherence[j]), rate_hz, duration_s)
-    flags += decay_flags(zeta, float(sigmas[j, 1]), f, duration_s, float(coherence[j]))
+    flags += decay_flags(zeta, sigmas[j], f, duration_s, float(coherence[j]))
     flags += weak_flags(j, list(frequency_hz), list(sigmas[:, 0]), list(amplitude))
     if varies(*frequency_change(time_s, decay.fit, j), f):
         flags.append("time_varying")

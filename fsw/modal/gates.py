@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from itertools import combinations_with_replacement
 
 import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
 
 # The highest frequency believed, as a share of the rate: above, a mode may be the alias of one beyond half
 # the rate.
@@ -28,6 +31,7 @@ LEAST_DECAY = 0.05
 # Damping must stand so many deviations above zero, and both intervals must be this narrow.
 DAMPING_DEVIATIONS = 3.0
 LARGEST_FREQUENCY_SIGMA = 0.01
+LARGEST_DECAY_FREQUENCY_SIGMA = 0.005
 LARGEST_AMBIENT_DAMPING_SIGMA = 0.9
 # A frequency that moves by more than this share of itself within the record is not one frequency.
 LARGEST_CHANGE = 0.005
@@ -72,10 +76,17 @@ def common_flags(
 
 
 def decay_flags(
-    damping_ratio: float, damping_ratio_sigma: float, frequency_hz: float, duration_s: float, fit_coherence: float
+    damping_ratio: float, sigmas: FloatArray, frequency_hz: float, duration_s: float, fit_coherence: float
 ) -> list[str]:
-    """Flags of a free decay: steady lines, growth, damping that cannot be told from none, a poor fit."""
+    """Flags of a free decay: steady lines, growth, damping that cannot be told from none, a poor fit.
+
+    sigmas (2,): of frequency in Hz and of damping ratio.
+    """
+    damping_ratio_sigma = float(sigmas[1])
     flags = []
+    # A decay is known at once or not at all: red noise gives wide fits that last for a few cycles.
+    if not sigmas[0] < LARGEST_DECAY_FREQUENCY_SIGMA * frequency_hz:
+        flags.append("imprecise")
     decay = 2.0 * np.pi * frequency_hz * damping_ratio * duration_s
     if damping_ratio < -DAMPING_DEVIATIONS * damping_ratio_sigma and decay < -LEAST_DECAY:
         flags.append("growing")

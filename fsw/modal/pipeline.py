@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 # Flags of a mode that the noise may have made.
 _UNSEEN = {"weak", "incoherent", "imprecise"}
+# The noise's covariance between the coordinates is estimated from the record: so many samples for each of them.
+_SAMPLES_OF_A_COORDINATE = 8
 # Longest piece that the spectrum for the report is made of.
 _SPECTRUM_SAMPLES = 4096
 
@@ -37,7 +39,8 @@ def identify(
     """
     settings = options or Options()
     time_s, y = _checked(time_s, y)
-    coordinates = principal_coordinates(time_s, y, settings.coordinates)
+    most = max(min(settings.coordinates, len(time_s) // _SAMPLES_OF_A_COORDINATE), 1)
+    coordinates = principal_coordinates(time_s, y, most)
     count = len(coordinates.time_s)
     if count < LEAST_SAMPLES or coordinates.signals.shape[1] == 0:
         extent = float(time_s[-1] - time_s[0])

@@ -16,8 +16,9 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ITERATIONS = 25
-# Relative fall of the cost below which the search has arrived.
-ARRIVED = 1e-13
+# Relative fall of the cost below which the search has arrived: of T p degrees of freedom, so much is far below one
+# standard deviation of any pole.
+ARRIVED = 1e-10
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,9 @@ class Fit:
     """A fitted record: poles (m,) 1/s; coefficients (2 m + d, p): per mode cosine and sine, then drift;
     residual (T, p).
 
-    orthonormal (T, 2 m + d) spans the linear model, triangle is its R; information (2 m, 2 m) is the Fisher
-    information of the poles' (Re, Im), interleaved, for unit noise in every coordinate.
+    orthonormal (T, 2 m + d) spans the linear model, triangle is its R; tangent (T, 2 m) is t times the modes' columns,
+    outside of that span; information (2 m, 2 m) is the Fisher information of the poles' (Re, Im), interleaved, for unit
+    noise in every coordinate.
     """
 
     poles: ComplexArray
@@ -34,6 +36,7 @@ class Fit:
     residual: FloatArray
     orthonormal: FloatArray
     triangle: FloatArray
+    tangent: FloatArray
     information: FloatArray
 
     @property
@@ -68,7 +71,7 @@ def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_
     count = 2 * len(poles)
     E = time_s[:, None] * basis[:, :count]
     E -= Q @ (Q.T @ E)
-    return Fit(poles, X, residual, Q, R, _information(E.T @ E, pole_directions(X, len(poles))))
+    return Fit(poles, X, residual, Q, R, E, _information(E.T @ E, pole_directions(X, len(poles))))
 
 
 def pole_directions(X: FloatArray, modes: int) -> FloatArray:
@@ -101,9 +104,8 @@ def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_d
     longest = 1.5 / max(float(time_s[-1]), 1e-300)
     damping = 1e-6
     for _ in range(ITERATIONS):
-        count = 2 * len(poles)
-        E = time_s[:, None] * model_basis(time_s, fit.poles, 0)[:, :count]
-        pull = (E.T @ fit.residual).reshape(len(poles), 2, -1).repeat(2, axis=0)
+        # The residual lies outside the span already: t times the columns and their tangent pull alike.
+        pull = (fit.tangent.T @ fit.residual).reshape(len(poles), 2, -1).repeat(2, axis=0)
         gradient = np.sum(pole_directions(fit.coefficients, len(poles)) * pull, axis=(1, 2))
         scale = np.diag(fit.information) + 1e-300
         step = np.linalg.lstsq(fit.information + damping * np.diag(scale), gradient, rcond=1e-14)[0]

@@ -1,9 +1,12 @@
 """Intervals that tell the truth: Cramer-Rao, Au's law for ambient response, coloured noise, time variation."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.refinement import Fit, pole_directions, project
+from fsw.modal.refinement import Fit, pole_directions
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -11,6 +14,8 @@ ComplexArray = NDArray[np.complex128]
 # Frequencies beside a mode, in units of 1 / T, at which the residual tells the noise: near enough to feel
 # its colour, but not the line itself, which the fit has emptied.
 _BESIDE = np.concatenate([np.arange(-11.0, -1.0), np.arange(2.0, 12.0)])
+# A frequency of which the fit leaves less than this share of white noise tells nothing.
+_CLEAR = 0.3
 # The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
 # so many.
 _PRIOR_SAMPLES = 10.0
@@ -40,16 +45,6 @@ def modal_sigmas(poles: ComplexArray, information: FloatArray, noise: FloatArray
     return sigmas
 
 
-def cramer_rao_decay(time_s: FloatArray, clean: FloatArray, poles: ComplexArray, noise_sigma: float) -> FloatArray:
-    """Cramer-Rao standard deviations (m, 2) of frequency and damping for a free decay in white noise.
-
-    time_s (T,); clean (T, M) noise-free signals that are sums of damped sinusoids at the poles (m,);
-    noise_sigma in the signals' unit.
-    """
-    fit = project(time_s, clean / noise_sigma, poles, 0)
-    return modal_sigmas(poles, fit.information, np.ones(len(poles)))
-
-
 def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tuple[float, float]:
     """Least coefficients of variation of frequency and damping ratio from stationary response to white noise.
 
@@ -66,18 +61,40 @@ def direction(fit: Fit, mode: int) -> FloatArray:
     return Vt[0]
 
 
-def noise_beside(time_s: FloatArray, residual: FloatArray, along: FloatArray, frequency_hz: float) -> float:
-    """Power of the residual beside a frequency, along one direction of the coordinates; 1 for white noise of
-    unit variance.
+def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = None) -> FloatArray:
+    """Power (m,) of the residual beside the frequency of each mode (default: all), along the direction it moves in.
 
-    residual (T, p) whitened. True stamps: a plain sum of exponentials needs no even grid.
+    1 for white noise of unit variance. What the fit takes out of white noise at these frequencies (drift and other
+    modes near by) is put back in expectation. True stamps: a plain sum of exponentials needs no even grid.
     """
-    beside_hz = frequency_hz + _BESIDE / float(time_s[-1])
-    beside_hz = beside_hz[beside_hz > 0.0]
-    waves = np.exp(-2j * np.pi * beside_hz[:, None] * time_s)
-    overall = float(np.mean(np.abs(waves @ residual) ** 2)) / len(time_s)
-    own = np.abs(waves @ (residual @ along)) ** 2 / len(time_s)
-    return float((np.sum(own) + _PRIOR_SAMPLES * overall) / (len(own) + _PRIOR_SAMPLES))
+    turns = np.exp(-2j * np.pi / float(time_s[-1]) * _BESIDE[:, None] * time_s)
+    return np.array([_noise_beside(time_s, fit, j, turns) for j in (range(len(fit.poles)) if modes is None else modes)])
+
+
+def _noise_beside(time_s: FloatArray, fit: Fit, mode: int, turns: ComplexArray) -> float:
+    """turns (K, T): exponentials at the frequencies of _BESIDE."""
+    frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
+    waves = turns[frequency_hz + _BESIDE / float(time_s[-1]) > 0.0] * np.exp(-2j * np.pi * frequency_hz * time_s)
+    along = direction(fit, mode)
+    pulled, _ = np.linalg.qr(fit.tangent[:, 2 * mode : 2 * mode + 2])
+    taken = np.sum(np.abs(waves @ fit.orthonormal) ** 2, axis=1)
+    left_of_all = np.maximum(len(time_s) - taken, 0.0)
+    left_of_own = np.maximum(left_of_all - np.sum(np.abs(waves @ pulled) ** 2, axis=1), 0.0)
+    seen = waves @ fit.residual
+    overall = float(np.mean(np.sum(np.abs(seen) ** 2, axis=0))) / max(float(np.sum(left_of_all)), 1e-300)
+    clear = left_of_own > _CLEAR * len(time_s)
+    own = float(np.sum(np.abs(seen[clear] @ along) ** 2 / left_of_own[clear]))
+    return (own + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
+
+
+def weighting_loss(samples: float, coordinates: int) -> float:
+    """Factor of a variance that was computed with weights from the same noise: n^2 / ((n - p) (n - p - 1)).
+
+    The inverse of a covariance (p, p) estimated from n samples is too large by n / (n - p - 1) in the mean, and
+    estimates weighted with it scatter n / (n - p) more than with the true one. Source: inverse Wishart distribution.
+    """
+    free = max(samples - coordinates, 2.0)
+    return samples**2 / (free * (free - 1.0)) if samples > coordinates + 2.0 else np.inf
 
 
 def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
@@ -134,9 +151,7 @@ def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, fl
     half_square = 0.5 * time_s**2
     ramp = half_square[:, None] * (np.outer(wave.real, X[1]) - np.outer(wave.imag, X[0]))
     ramp = ramp - fit.orthonormal @ (fit.orthonormal.T @ ramp)
-    all_waves = np.exp(time_s[:, None] * fit.poles)
-    E = time_s[:, None] * np.stack([all_waves.real, all_waves.imag], axis=2).reshape(len(time_s), -1)
-    E -= fit.orthonormal @ (fit.orthonormal.T @ E)
+    E = fit.tangent
     # Remove what the poles' own derivatives can explain, without building them: all is done in their Gram
     # matrices.
     pull = (E.T @ ramp).reshape(modes, 2, -1).repeat(2, axis=0)
@@ -148,7 +163,7 @@ def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, fl
     if energy <= 0.0:
         return 0.0, np.inf
     rate = float(np.sum(ramp * fit.residual)) / energy
-    noise = noise_beside(time_s, fit.residual - rate * ramp, direction(fit, mode), s.imag / (2.0 * np.pi))
+    noise = float(noise_beside(time_s, replace(fit, residual=fit.residual - rate * ramp), [mode])[0])
     seen_s = min(float(time_s[-1]), 3.0 / max(-s.real, 1e-12))
     to_hz = seen_s / (2.0 * np.pi)
     return rate * to_hz, (noise / energy) ** 0.5 * to_hz
