@@ -23,7 +23,8 @@ class Fault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One failure.
 
     name: its key in the campaign. part: where it breaks. detected_by: the event that must tell of it, by name; after a
-    colon the name of its first argument, where only that one counts (LIMIT_RED:cmp). latency_ticks: from the first
+    colon the name of its first argument, where only that one counts (LIMIT_RED:cmp). or_by: another event that tells of
+    it just as well, where the failure looks like another one. latency_ticks: from the first
     tick of the failure to that event, at most. recovers: when the failure ends the flight measures again by itself.
     limits: the rows of the limit table that watch for it.
     """
@@ -37,6 +38,7 @@ class Fault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     failure: Text
     effect: Text
     detected_by: Annotated[str, Meta(pattern="^[A-Z_]+(:[A-Za-z_]+)?$")]
+    or_by: Annotated[str, Meta(pattern="^[A-Z_]*$")] = ""
     response: Text
     latency_ticks: Annotated[int, Meta(ge=1, le=10_000)]
     recovers: bool = True
@@ -49,6 +51,8 @@ class Fault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def detected_in(self, number: int, arguments: Sequence[float]) -> bool:
         """Whether an event, by its number and arguments, tells of this failure; red says yellow too."""
+        if self.or_by and number == EVENT_BY_NAME[self.or_by].number:
+            return True
         worse = self.event is LIMIT_YELLOW and number == LIMIT_RED.number
         if number != self.event.number and not worse:
             return False

@@ -45,7 +45,7 @@ def _faults(faults: Iterable[Fault]) -> Iterator[str]:
         columns,
         (
             (
-                str(fault.number), f"`{fault.name}`", fault.part, fault.failure, fault.effect, f"`{fault.detected_by}`",
+                str(fault.number), f"`{fault.name}`", fault.part, fault.failure, fault.effect, _found_by(fault),
                 str(fault.latency_ticks), fault.response, ", ".join(str(limit.number) for limit in fault.limits),
             )
             for fault in faults
@@ -75,3 +75,7 @@ def _pair(low: float | None, high: float | None, unit: str) -> str:
     beyond = [f"{sign} {value:g}" for sign, value in (("<", low), (">", high)) if value is not None]
     suffix = "" if unit == "1" else f" {unit}"
     return " or ".join(beyond) + suffix if beyond else ""
+
+
+def _found_by(fault: Fault) -> str:
+    return f"`{fault.detected_by}`" + (f" or `{fault.or_by}`" if fault.or_by else "")

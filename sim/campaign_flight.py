@@ -86,13 +86,13 @@ def manoeuvre(stage: FlightStage, ticks: int, draw: np.random.Generator) -> None
         stage.world.motion.kick(stage.time_s(tick), [mm * float(draw.uniform(0.5, 1.0)) for mm in KICK_MM])
 
 
-def fly(stage: FlightStage, injection: Injection) -> None:
-    """Fly to the end of the trigger."""
-    for _ in steps(stage, injection):
+def fly(stage: FlightStage, injection: Injection, lockstep: bool = True) -> None:
+    """Fly to the end of the trigger; lockstep: or at the pace of the stage's clock."""
+    for _ in steps(stage, injection, lockstep):
         pass
 
 
-def steps(stage: FlightStage, injection: Injection) -> Iterator[None]:
+def steps(stage: FlightStage, injection: Injection, lockstep: bool = True) -> Iterator[None]:
     """The same tick by tick."""
     eyes = FaultyEyes(stage.drivers.cameras, stage, injection, stage.now)
     watchdog = stage.drivers.watchdog
@@ -103,11 +103,11 @@ def steps(stage: FlightStage, injection: Injection) -> Iterator[None]:
     def vision(state: State, rig: StereoRig, prior: Prior, table: VisionTable) -> Sequence[FrameTask | LongTask]:
         return injection.tasks(stage.vision(state, rig, prior, table), stage.now)
 
-    drivers = replace(stage.drivers, cameras=eyes.ports, patience=patience)
+    drivers = replace(stage.drivers, cameras=eyes.ports, patience=patience if lockstep else None)
 
     def make(start: Start) -> App:
         watchdog.arm()
-        return App(stage.tables, drivers, True, vision, start)
+        return App(stage.tables, drivers, lockstep, vision, start)
 
     stage.supervisor = supervisor = Supervisor(make, stage.store, stage.tables.flight.executive.most_restarts)
     try:

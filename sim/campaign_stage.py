@@ -10,6 +10,7 @@ from fsw.tables.checks import load_hardware
 from fsw.tables.flight import FlightTable, load_flight
 from fsw.tasks.publish import Outlets
 from hal.camera import Camera
+from hal.clock import Clock
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.soft_watchdog import SoftWatchdog
 from sim.edges import EdgeLine, Exposure, MissionClock
@@ -41,7 +42,7 @@ class FlightStage:
         whole: bool = False,
         keep: bool = False,
         most: int | None = None,
-        oscillator: LockstepClock | None = None,
+        oscillator: Clock | None = None,
     ) -> None:
         self.clock = MissionClock(oscillator or LockstepClock())
         self.world: SurrogateWorld | WholeWorld

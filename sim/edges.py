@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from hal.drivers.lockstep_clock import LockstepClock
+from hal.clock import Clock
 from hal.trigger import Edge
 
 
@@ -27,7 +27,7 @@ NO_JUMP = Jump(1 << 62, 0)
 class MissionClock:
     """Mission time over an oscillator that runs true."""
 
-    def __init__(self, oscillator: LockstepClock, jump: Jump = NO_JUMP) -> None:
+    def __init__(self, oscillator: Clock, jump: Jump = NO_JUMP) -> None:
         self.oscillator, self.jump = oscillator, jump
 
     def mission_ns(self, true_ns: int) -> int:

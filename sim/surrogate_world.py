@@ -37,6 +37,7 @@ PANEL_PITCH_MM, PANEL_CELL_MM = (173.0, 98.0), (170.0, 95.0)
 HEADER = struct.Struct("<2sBqhB")  # magic, eye, time in ns, bump in 1/1000 px, check sum
 MAGIC = b"\xa5\x5a"
 HEADER_COLUMN = 1
+IN_SHADOW = 1.0 / 128.0  # of the light: there is no air in orbit that would scatter any into a shadow
 MARGIN = 16  # rows of sky above and below, and columns beside
 
 
@@ -220,7 +221,7 @@ def shade(image: Image, slots: NDArray[np.int64], cells: NDArray[np.bool_]) -> N
             top, left, tall, wide = slots[n]
             for i in range(top, top + tall):
                 for j in range(left, left + wide):
-                    image[i, j] = image[i, j] // 16
+                    image[i, j] = int(image[i, j] * IN_SHADOW)
 
 
 @kernel

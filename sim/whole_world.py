@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim.scenario import load_scenario
 from sim.surrogate_flap import Flap
 from sim.surrogate_motion import ModalMotion
-from sim.surrogate_world import Scene, dim, speckle
+from sim.surrogate_world import IN_SHADOW, Scene, dim, speckle
 from sim.world import World
 from wingbeat.kernels import kernel
 
@@ -49,7 +49,7 @@ class WholeWorld:
             shift(out, scene.bump_px)
         if scene.shadow > 0.0:
             columns = round(scene.shadow * self.width)
-            dim(out[:, :columns] if scene.pattern % 2 else out[:, self.width - columns :], 1.0 / 16.0)
+            dim(out[:, :columns] if scene.pattern % 2 else out[:, self.width - columns :], IN_SHADOW)
         if scene.glint > 0.0 and eye == 0:
             glare(out, scene.glint, scene.pattern)
         if scene.gain != 1.0:

@@ -21,7 +21,7 @@ from telemetry.declaration import EVENT_ARGUMENTS
 from telemetry.decode import decode_file, describe
 from telemetry.dictionary import FREQUENCY_HZ, MODE, MODE_SLOTS, POINTS, VALID, VALIDITY
 from telemetry.events import event_json
-from telemetry.logs import LogFile
+from telemetry.logs import LogFile, log_time_ns
 from telemetry.scaling import readable
 from wingbeat import __version__
 from wingbeat.errors import InputError
@@ -145,4 +145,4 @@ def _channel(writer: Writer, topic: str) -> int:
 
 def _add(writer: Writer, channel: int, time_ns: int, message: Mapping[str, Any], sequence: int) -> None:
     text = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
-    writer.add_message(channel, time_ns, text, time_ns, sequence)
+    writer.add_message(channel, log_time_ns(time_ns), text, log_time_ns(time_ns), sequence)

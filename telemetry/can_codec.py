@@ -148,7 +148,7 @@ class CanEncoder:
 def _header(tick: float, time_us: float) -> tuple[dict[Point, float], int]:
     """The header's values but SATURATED, and how many of them were clipped."""
     kept_tick, cut = clip(TICK, tick)
-    if time_us != time_us:
+    if not time_us >= 0.0:  # not known, or before time began: a clock that went back
         return {TICK: kept_tick, TIME_EPOCH: NAN, TIME_US: NAN}, int(cut)
     epoch, rest = divmod(time_us, EPOCH_US)
     kept_epoch, outside = clip(TIME_EPOCH, epoch)

@@ -9,6 +9,11 @@ from typing import BinaryIO, Self
 from telemetry.can_codec import CanEncoder
 
 
+def log_time_ns(time_ns: int) -> int:
+    """The time under which a record stands in a log; logs begin at 0, and a clock that went back beyond has none."""
+    return max(time_ns, 0)
+
+
 class LogFile:
     """A file that is NAME.active while it is written, and NAME once it is complete.
 
@@ -43,7 +48,7 @@ class CanLog(LogFile):
 
     def write(self, time_ns: int, encoder: CanEncoder, count: int) -> None:
         """Append the encoder's first count frames under the trigger's time."""
-        seconds, rest = divmod(time_ns // 1000, 1_000_000)
+        seconds, rest = divmod(log_time_ns(time_ns) // 1000, 1_000_000)
         for row in range(count):
             can_id, data = encoder.frame(row)
             self.stream.write(f"({seconds}.{rest:06d}) can0 {can_id:03X}#{data.hex().upper()}\n".encode())
@@ -55,4 +60,4 @@ class MavlinkLog(LogFile):
     def write(self, time_ns: int, packets: Iterable[bytes]) -> None:
         """Append packets under the trigger's time."""
         for packet in packets:
-            self.stream.write(struct.pack(">Q", time_ns // 1000) + packet)
+            self.stream.write(struct.pack(">Q", log_time_ns(time_ns) // 1000) + packet)

@@ -65,7 +65,7 @@ class MavlinkEncoder:
         of_tick, time_us = trigger_of(packet, board, tick, time_ns)
         kept_tick, cut = clip(TICK, of_tick)
         head: dict[str, Any] = {
-            "time_usec": _UINT64_MAX if time_us != time_us else int(time_us),
+            "time_usec": int(time_us) if time_us >= 0.0 else _UINT64_MAX,
             TICK.symbol: int(unavailable(TICK) if kept_tick != kept_tick else kept_tick),
         }
         messages, values = [], [0.0] * len(packet.points)

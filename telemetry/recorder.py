@@ -14,7 +14,7 @@ from telemetry.can_codec import trigger_of
 from telemetry.declaration import Packet, Severity
 from telemetry.dictionary import PERIODIC_PACKETS
 from telemetry.events import EVENT_BY_NUMBER, event_json
-from telemetry.logs import LogFile
+from telemetry.logs import LogFile, log_time_ns
 from telemetry.recorder_schemas import (
     LOG_LEVEL,
     LOG_SCHEMA,
@@ -110,13 +110,14 @@ class Recorder(LogFile):
     def _write(self, channel: int, time_ns: int, message: dict[str, Any]) -> None:
         text = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
         self._sequence += 1
-        self._writer.add_message(channel, time_ns, text, time_ns, self._sequence)
+        self._writer.add_message(channel, log_time_ns(time_ns), text, log_time_ns(time_ns), self._sequence)
         # A finished chunk leaves this process at once; an unfinished one waits in the writer.
         self.stream.flush()
 
 
 def _stamp(time_ns: int) -> dict[str, int]:
-    return {"sec": time_ns // 1_000_000_000, "nsec": time_ns % 1_000_000_000}
+    seconds, rest = divmod(log_time_ns(time_ns), 1_000_000_000)
+    return {"sec": seconds, "nsec": rest}
 
 
 def _slot(packet: Packet, board: Board, slot: int) -> dict[str, Any]:

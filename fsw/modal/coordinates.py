@@ -11,7 +11,7 @@ from scipy.interpolate import Akima1DInterpolator
 FloatArray = NDArray[np.float64]
 
 # Directions in each round of filling gaps: the strong ones first, for weak ones would learn the guess's errors.
-_FILLING = (2, 4, 8)
+_FILLING = (1, 2, 4, 8)
 # Rounds of estimating each channel's own noise and projecting again; a third changes nothing.
 _ROUNDS = 2
 # Share of a direction that must be seen at a tick for the tick to speak for it.
@@ -113,7 +113,11 @@ def _project(y: FloatArray, present: NDArray[np.bool_], count: int) -> tuple[Flo
             normal = (present @ outer).reshape(-1, V.shape[1], V.shape[1]) + _UNTOLD * np.eye(V.shape[1])
             wrong = np.where(present, y / scale - signals @ V.T, 0.0) @ V
             signals = signals + np.linalg.solve(normal, wrong[:, :, None])[:, :, 0]
-            y = np.where(present, y, (signals @ V.T) * scale)
+            filled = (signals @ V.T) * scale
+            # Each channel's mean was taken with the guess in its gaps: what is there says how far it is off, and a
+            # channel that is off would step at the ends of its gaps.
+            y = y - np.where(present, y - filled, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+            y = np.where(present, y, filled)
         noise = np.sqrt(np.mean((y - (signals @ V.T) * scale) ** 2, axis=0))
         basis = V * scale[:, None]
         # No channel may claim to be much better than the others: the fit would chase it.

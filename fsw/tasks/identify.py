@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fault.modes import measures
+from fsw.modal.breaks import last_break
 from fsw.modal.pipeline import identify
-from fsw.modal.result import ModalResult, Mode, Options
+from fsw.modal.result import ModalResult, Mode, Options, Record
 from fsw.tables.flight import IdentifyTable
 from fsw.tasks.state import Estimate, State
 from telemetry.dictionary import (
@@ -35,9 +36,11 @@ from telemetry.events import IDENTIFICATION_FAILED
 from wingbeat.errors import InputError
 
 NAN = float("nan")
+LONG_AGO_NS = -(1 << 62)
 LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to take part
+LOOK_BACK_TICKS = 90  # newest samples that are searched for a break of the motion
 SAME_FREQUENCY = 0.005  # share by which a mode's frequency may differ from one estimate to the next
-UNCONFIRMED = "unconfirmed"  # flag of a mode that the estimate before did not have
+UNCONFIRMED = "unconfirmed"  # flag of a mode that was not found before
 SAME_MODE = 0.1  # frequencies that differ by a smaller share may be those of one mode, in two estimates
 
 
@@ -56,6 +59,8 @@ class Identify:
         self._result: ModalResult | None = None
         self._failed = False
         self._cells = np.zeros(0, np.int64)
+        self._known: list[Mode] = []  # of the latest estimate that had any with nothing against them
+        self._since_ns = LONG_AGO_NS  # a sample before this time belongs to a motion that has ended
 
     @property
     def table(self) -> IdentifyTable:
@@ -101,19 +106,37 @@ class Identify:
 
     def _identify(self) -> ModalResult | None:
         time_ns, xyz = self._time_ns[: self._samples], self._xyz_mm[: self._samples]
-        measured = np.isfinite(xyz[:, :, 0])
-        ticks = measured.any(axis=1)  # a tick without a pair, or before the lock, says nothing against a cell
+        if time_ns[-1] < self._since_ns:  # the clock went back
+            self._since_ns = LONG_AGO_NS
+        # A tick without a pair, or before the lock, says nothing against a cell.
+        ticks = np.isfinite(xyz[:, :, 0]).any(axis=1) & (time_ns >= self._since_ns)
         if np.count_nonzero(ticks) < self._table.least_ticks:
             return None
-        self._cells = np.flatnonzero(measured[ticks].mean(axis=0) >= LEAST_SHARE)
+        time_ns, xyz = time_ns[ticks], xyz[ticks]
+        if start := self._break(time_ns, xyz):
+            time_ns, xyz = time_ns[start:], xyz[start:]
+            self._since_ns = int(time_ns[0])
+            if len(time_ns) < self._table.least_ticks:
+                extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
+                return ModalResult([], ["short_record"], extent, "decay")
+        self._cells = np.flatnonzero(np.isfinite(xyz[:, :, 0]).mean(axis=0) >= LEAST_SHARE)
         if len(self._cells) == 0:
             return None
-        time_ns, xyz = time_ns[ticks], xyz[ticks]
         y = xyz[:, self._cells].reshape(len(xyz), -1)
         time_s = self._time_s[: len(xyz)]
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
         result = identify(time_s, y, self._table.kind, self._options)
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
+
+    def _break(self, time_ns: NDArray[np.int64], xyz: NDArray[np.float64]) -> int:
+        """Index of the first sample after a break of the motion, by what is known of it; 0 if there is none."""
+        if not self._known:
+            return 0
+        poles = [pole_of(mode) for mode in self._known]
+        first = max(len(time_ns) - LOOK_BACK_TICKS, 0)
+        recent = xyz[first:]
+        start = last_break((time_ns[first:] - time_ns[first]) * 1e-9, recent.reshape(len(recent), -1), poles)
+        return first + start if start else 0
 
     def _with_clock(self, mode: Mode) -> Mode:
         """The same mode, no surer of its frequency than the clock that times the frames."""
@@ -128,17 +151,26 @@ class Identify:
         if self._result is None:
             return
         before = state.estimate
-        modes = confirmed(self._result.modes, before.result.modes if before else [])
+        modes = confirmed(self._result.modes, [*(before.result.modes if before else []), *self._known])
+        self._known = [mode for mode in modes if mode.valid] or self._known
         state.estimate = Estimate(replace(self._result, modes=modes), self._cells, self._tick, self._taken_ns)
         state.new_estimate = True
         show(state, state.estimate, before)
 
 
+def pole_of(mode: Mode) -> complex:
+    """A mode's pole in 1/s; of one whose damping is withheld, that of a steady line."""
+    omega = 2.0 * math.pi * mode.frequency_hz
+    damping = mode.damping_ratio if 0.0 < mode.damping_ratio < 1.0 else 0.0
+    return complex(-damping * omega, omega * math.sqrt(1.0 - damping**2))
+
+
 def confirmed(modes: Sequence[Mode], before: Sequence[Mode]) -> list[Mode]:
-    """The same modes; one that the estimate before did not find as well, with nothing against it, is flagged.
+    """The same modes; one that was not found before as well, with nothing against it, is flagged.
 
     Two records in a row have most of their samples in common: what is a mode in one is a mode in the other. What a
-    disturbance at the edge of the record feigns is another one each time.
+    disturbance at the edge of the record feigns is another one each time. before: modes of the estimate before, and
+    those that were valid last.
     """
     known = [other.frequency_hz for other in before if set(other.flags) <= {UNCONFIRMED}]
     return [

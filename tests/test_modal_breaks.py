@@ -1,0 +1,98 @@
+"""Where a record breaks, and what a gap in a part of the channels does: nothing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fsw.modal.breaks import last_break
+from fsw.modal.pipeline import identify
+from fsw.tasks.identify import UNCONFIRMED, confirmed, pole_of
+
+FloatArray = NDArray[np.float64]
+RATE_HZ = 15.0
+HZ, DAMPING = np.array([0.7146, 4.427, 5.806]), np.array([0.006, 0.008, 0.009])
+OMEGA = 2.0 * np.pi * HZ
+POLES = list(-DAMPING * OMEGA + 1j * OMEGA * np.sqrt(1.0 - DAMPING**2))
+AMPLITUDE_MM = np.array([20.0, 2.0, 3.0])
+CHANNELS = 30
+
+
+def motion(time_s: FloatArray, kick_s: float, kick_mm: float, seed: int) -> FloatArray:
+    """Three modes in CHANNELS channels (T, M); velocities change at kick_s as by a blow of so many mm of each mode."""
+    draw = np.random.default_rng(seed)
+    shapes = draw.standard_normal((3, CHANNELS))
+    phase = draw.uniform(0.0, 2.0 * np.pi, 3)
+    waves = AMPLITUDE_MM * np.real(np.exp(np.outer(time_s, POLES) + 1j * phase))
+    after = np.maximum(time_s - kick_s, 0.0)
+    waves += kick_mm * AMPLITUDE_MM / 20.0 * np.imag(np.exp(np.outer(after, POLES)))
+    return waves @ shapes + 0.02 * draw.standard_normal((len(time_s), CHANNELS))
+
+
+@pytest.mark.requirement("WB-MOD-06")
+@settings(max_examples=25, deadline=None)
+@given(at=st.integers(40, 85), size=st.sampled_from([1.0, 5.0, 20.0]), seed=st.integers(0, 1000))
+def test_a_kick_is_found_at_its_sample(at: int, size: float, seed: int) -> None:
+    time_s = np.arange(90) / RATE_HZ
+    start = last_break(time_s, motion(time_s, time_s[at] - 1e-6, size, seed), POLES)
+    assert at <= start <= at + 1
+
+
+@pytest.mark.requirement("WB-MOD-06")
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 1000), drop=st.floats(0.0, 0.2))
+def test_a_free_motion_with_lost_frames_and_cells_has_no_break(seed: int, drop: float) -> None:
+    draw = np.random.default_rng(seed)
+    time_s = np.arange(120) / RATE_HZ + draw.uniform(-0.002, 0.002, 120)
+    y = motion(time_s, 1e9, 0.0, seed)
+    y[draw.random(y.shape) < 0.005] = np.nan
+    kept = draw.random(120) >= drop
+    assert last_break(time_s[kept], y[kept], POLES) == 0
+
+
+@pytest.mark.requirement("WB-MOD-06")
+def test_of_two_breaks_the_newest_counts_and_a_jump_of_all_points_is_one() -> None:
+    time_s = np.arange(120) / RATE_HZ
+    y = motion(time_s, time_s[40] - 1e-6, 20.0, 5)
+    y[75:] += 1.0
+    assert last_break(time_s, y, POLES) == 75
+
+
+@pytest.mark.requirement("WB-MOD-06")
+def test_ambient_response_has_no_break() -> None:
+    draw = np.random.default_rng(3)
+    for _ in range(20):
+        state, waves = np.zeros(3, complex), []
+        for _ in range(300):
+            state = state * np.exp(np.array(POLES) / RATE_HZ) + draw.standard_normal(3) + 1j * draw.standard_normal(3)
+            waves.append(state.real)
+        y = np.array(waves) @ draw.standard_normal((3, CHANNELS)) + 0.1 * draw.standard_normal((300, CHANNELS))
+        assert last_break(np.arange(300) / RATE_HZ, y, POLES) == 0
+
+
+@pytest.mark.requirement("WB-MOD-03")
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_that_were_hidden_for_seconds_leave_no_mark(seed: int) -> None:
+    time_s = np.arange(270) / RATE_HZ
+    y = motion(time_s, 1e9, 0.0, seed)
+    hidden = np.random.default_rng(seed).permutation(CHANNELS)[: CHANNELS * 2 // 5]
+    y[np.ix_(np.arange(130, 175), hidden)] = np.nan
+    found = identify(time_s, y, "decay").modes
+    assert [mode.valid for mode in found] == [True] * 3
+    for mode, hz, damping in zip(found, HZ, DAMPING, strict=True):
+        assert abs(mode.frequency_hz - hz) < max(5.0 * mode.frequency_sigma_hz, 1e-5 * hz)
+        assert abs(mode.damping_ratio - damping) < max(5.0 * mode.damping_ratio_sigma, 1e-3 * damping)
+
+
+@pytest.mark.requirement("WB-MOD-07")
+def test_a_mode_is_confirmed_by_one_that_was_found_before() -> None:
+    time_s = np.arange(200) / RATE_HZ
+    modes = identify(time_s, motion(time_s, 1e9, 0.0, 8), "decay").modes
+    assert all(mode.flags == [UNCONFIRMED] and not mode.valid for mode in confirmed(modes, modes[:0]))
+    assert confirmed(modes, modes) == modes
+    once = confirmed(modes, modes[:1])
+    assert [mode.valid for mode in once] == [True, False, False]
+    assert confirmed(modes, once) == modes, "what was flagged for nothing but this confirms as well"
+    for mode, pole in zip(modes, POLES, strict=True):
+        assert abs(pole_of(mode) - pole) < 1e-3 * abs(pole)
