@@ -131,12 +131,20 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
         if any(_split(time_s, fit, int(j), i) for i in stronger):
             return int(j)
     limit = _least_statistic(fit.residual.shape[1])
-    excess = values / (limit * np.maximum(noise_beside(time_s, fit), 1.0))
+    excess = values / limit
+    if np.min(excess) < _loudest(fit.residual):
+        excess /= np.maximum(noise_beside(time_s, fit), 1.0)
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
     excess[(cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))] = 0.0
     worst = int(np.argmin(excess))
     return worst if excess[worst] < 1.0 else None
+
+
+def _loudest(residual: FloatArray) -> float:
+    """More than noise_beside can say of any mode: what is stronger than this needs no closer look."""
+    power = np.sum(np.abs(np.fft.rfft(residual, axis=0)) ** 2, axis=1)
+    return 10.0 * float(np.max(power)) / len(residual)
 
 
 @lru_cache

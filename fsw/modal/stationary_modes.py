@@ -7,10 +7,9 @@ from fsw.modal.ambient import Peak, weigh_peak
 from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import Coordinates, even_grid
-from fsw.modal.free_modes import normalised
 from fsw.modal.gates import ambient_flags, common_flags
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.result import Mode, Options
+from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import au_law
 
 FloatArray = NDArray[np.float64]
