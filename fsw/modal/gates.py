@@ -43,6 +43,9 @@ COMBINATION_AMPLITUDE = 0.03
 HIGH_COMBINATION_AMPLITUDE = 0.01
 COMBINATION_FREQUENCY = 0.003
 LEAST_RELATIVE_AMPLITUDE = 5e-3
+# Modes nearer than this many 1 / T stand apart by their shapes alone; nearer than so many deviations, not at all.
+PAIR_RESOLUTIONS = 2.0
+PAIR_DEVIATIONS = 4.0
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there.
 LARGEST_LINE_SHARE = 0.9
 # Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, its least height over

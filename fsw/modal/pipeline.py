@@ -1,5 +1,7 @@
 """Modal identification of recorded channels: one function from samples to modes with intervals and validity."""
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -11,6 +13,7 @@ from fsw.modal.correlation import fixed_window, spectral
 from fsw.modal.decay import LEAST_SAMPLES
 from fsw.modal.forced import identify_forced
 from fsw.modal.free_modes import identify_decay
+from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
 from fsw.modal.paper import identify_as_paper
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
@@ -68,9 +71,9 @@ def identify(
     if decided == "ambient" and settings.method == "refined" and u is None:
         correlation = fixed_window if settings.correlation == "fixed_window" else spectral
         modes, poles = identify_ambient(coordinates, correlation, settings)
-    modes = sorted(modes, key=lambda mode: mode.frequency_hz)
+    modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)
-    return ModalResult(modes, _record_flags(modes), record, decided, _diagram(coordinates, poles))
+    return ModalResult(modes, _record_flags(modes, record.duration_s), record, decided, _diagram(coordinates, poles))
 
 
 def _checked(time_s: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -95,11 +98,23 @@ def _inputs(u: FloatArray, coordinates: Coordinates) -> FloatArray:
     return u[coordinates.kept]
 
 
-def _record_flags(modes: list[Mode]) -> list[str]:
+def _pairs_flagged(modes: list[Mode]) -> list[Mode]:
+    """Modes in order of frequency; those that cannot be told from their neighbour by frequency are flagged."""
+    for j, (a, b) in enumerate(pairwise(modes)):
+        sigma_hz = float(np.hypot(a.frequency_sigma_hz, b.frequency_sigma_hz))
+        if a.valid and b.valid and b.frequency_hz - a.frequency_hz < PAIR_DEVIATIONS * sigma_hz:
+            modes[j], modes[j + 1] = (replace(m, valid=False, flags=sorted({*m.flags, "close_pair"})) for m in (a, b))
+    return modes
+
+
+def _record_flags(modes: list[Mode], duration_s: float) -> list[str]:
     """What holds for the record: nothing seen above the noise, or a flag of a mode that matters."""
     seen = [mode for mode in modes if _UNSEEN.isdisjoint(mode.flags)]
     largest = max((mode.amplitude for mode in modes if mode.amplitude > 0.0), default=0.0)
     flags = [] if seen else ["not_observable"]
+    valid = [mode.frequency_hz for mode in modes if mode.valid or "close_pair" in mode.flags]
+    if any(b - a < PAIR_RESOLUTIONS / duration_s for a, b in pairwise(valid)):
+        flags.append("close_pair")
     for flag in ("time_varying", "short_record", "harmonic", "near_nyquist"):
         if any(
             flag in mode.flags and "incoherent" not in mode.flags and not mode.amplitude <= 0.02 * largest
