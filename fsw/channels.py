@@ -73,6 +73,25 @@ def _read_npz(file: Path, rate_hz: float | None) -> Channels:
     return Channels(_time(time_s, own_rate or rate_hz, len(y), file), _some(y, file), geometry, u)
 
 
+def read_shapes(path: str | Path, channels: int) -> FloatArray:
+    """Reference shapes (k, channels) of a .npz file with `shape`, as an FE model gives them; NaN = unknown.
+
+    Raises InputError naming the file and what does not fit.
+    """
+    file = Path(path)
+    try:
+        with np.load(file, allow_pickle=False) as data:
+            held = {key: data[key] for key in data.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        raise InputError("is not a readable .npz file", file, "write it with numpy.savez") from None
+    if "shape" not in held:
+        raise InputError("has no shape", file, "store the shapes as shape (modes, channels)")
+    shapes = np.atleast_2d(_numbers(held["shape"], file, "shape"))
+    if shapes.ndim != 2 or shapes.shape[1] != channels:
+        raise InputError(f"shape is {shapes.shape}", file, f"it must be (modes, {channels}) to fit y")
+    return shapes
+
+
 def _numbers(values: NDArray[Any], file: Path, key: str) -> FloatArray:
     if not (np.issubdtype(values.dtype, np.number) or values.dtype == np.bool_) or np.iscomplexobj(values):
         raise InputError(f"{key} is not numeric (it is {values.dtype})", file, "store real numbers")

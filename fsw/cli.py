@@ -12,9 +12,10 @@ from threadpoolctl import threadpool_limits
 
 from fsw.app import Drivers, Tables
 from fsw.black_box_replay import DECISIONS, replay_black_box
-from fsw.channels import read_channels
+from fsw.channels import read_channels, read_shapes
+from fsw.modal.indicators import nearest_shape
 from fsw.modal.pipeline import identify as identify_modes
-from fsw.modal.result import ModalResult, to_contract
+from fsw.modal.result import ModalResult, Options, to_contract
 from fsw.run import SUMMARY, as_json, fly, run_folder
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight
@@ -34,6 +35,22 @@ class Kind(StrEnum):
     DECAY = "decay"
     AMBIENT = "ambient"
     AUTO = "auto"
+
+
+class MethodName(StrEnum):
+    """How modes are found."""
+
+    REFINED = "refined"
+    PAPER = "paper"
+    RDT_ERA_DC = "rdt_era_dc"
+    SSI_DATA = "ssi_data"
+
+
+class Weighting(StrEnum):
+    """Weights of the Hankel matrix."""
+
+    NONE = "none"
+    CVA = "cva"
 
 
 def replay(
@@ -109,21 +126,41 @@ def identify(
     file: Annotated[Path, typer.Argument(help="Recorded channels: .npz or .csv.")],
     rate: Annotated[float | None, typer.Option(help="Sampling rate in Hz, if the file does not say it.")] = None,
     kind: Annotated[Kind, typer.Option(help="Free decay, response to noise, or decided from the data.")] = Kind.AUTO,
+    method: Annotated[
+        MethodName, typer.Option(help="Maximum likelihood, the paper's fusion, or one of the two that it joins.")
+    ] = MethodName.REFINED,
+    weighting: Annotated[
+        Weighting, typer.Option(help="Of the Hankel matrix, for the paper's methods.")
+    ] = Weighting.NONE,
+    shapes: Annotated[
+        Path | None, typer.Option(help="Reference shapes to compare with: .npz with shape (modes, channels).")
+    ] = None,
     json_file: Annotated[str | None, typer.Option("--json", help="The modes as JSON; - for stdout.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a page with the diagrams to this file.")] = None,
 ) -> None:
     """Find the modes of recorded channels, with their uncertainty.
 
+    A file with measured inputs (u) gives the modes of the plant alone, though a control loop is closed round it.
+
     Example: wingbeat identify record.csv --rate 100 --json modes.json
     """
     channels = read_channels(file, rate)
+    reference = None if shapes is None else read_shapes(shapes, channels.y.shape[1]).astype(np.complex128)
     with threadpool_limits(limits=1):  # small matrices: more threads only wait for each other
-        result: ModalResult = identify_modes(channels.time_s, channels.y, kind.value)
+        result: ModalResult = identify_modes(
+            channels.time_s, channels.y, kind.value, Options(method=method.value, weighting=weighting.value), channels.u
+        )
     modes = to_contract(result)
+    if reference is not None:
+        for row, mode in zip(modes["modes"], result.modes, strict=True):
+            row["reference_shape"], row["shape_assurance"] = nearest_shape(mode.shape, reference)
     if report is not None:
-        shapes = np.array([mode.shape for mode in result.modes]).reshape(len(result.modes), -1)
-        write_identify_report(report, f"Modes of {file.name}", modes, asdict(result.diagram) | {"shape": shapes})
+        found = np.array([mode.shape for mode in result.modes]).reshape(len(result.modes), -1)
+        write_identify_report(report, f"Modes of {file.name}", modes, asdict(result.diagram) | {"shape": found})
     if json_file is not None:
         write_json(modes, json_file)
     if json_file != "-":
         typer.echo(modes_table(modes))
+        for row in modes["modes"] if reference is not None else ():
+            like = f"like reference shape {row['reference_shape']}, assurance {row['shape_assurance']:.4f}"
+            typer.echo(f"{row['frequency_hz']:.4g} Hz: {like}")

@@ -50,6 +50,7 @@ class ModeFlag(IntFlag):
     NOT_EXPONENTIAL = 1 << 10
     COMBINATION = 1 << 11
     SPLIT = 1 << 12
+    CLOSE_PAIR = 1 << 13
     # What fault protection, the tasks and the codecs add to the identification's.
     LOW_COHERENCE = 1 << 16
     POOR_SCENE = 1 << 17

@@ -27,6 +27,8 @@ FLAG_WORDS = {
     "not_exponential": "does not decay exponentially",
     "combination": "combination of other modes",
     "split": "one mode seen as two",
+    "unconfirmed": "not found twice in a row",
+    "close_pair": "beside another mode, nearer than the record resolves",
     "low_coherence": "amplitude coherence below its limit",
     "poor_scene": "scene or match below its limit",
     "stale": "too old",

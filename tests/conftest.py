@@ -5,6 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# No test asserts a time: machines are shared.
+settings.register_profile("shared", deadline=None)
+settings.load_profile("shared")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

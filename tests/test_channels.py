@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fsw.channels import read_channels
+from fsw.channels import read_channels, read_shapes
 from wingbeat.errors import InputError
 
 
@@ -90,3 +90,13 @@ def test_missing_unknown_and_broken_files_are_refused(tmp_path):
         read_channels(binary, 1.0)
     with pytest.raises(InputError, match="--rate"):
         read_channels(binary, -1.0)
+
+
+def test_reference_shapes_must_fit_the_channels(tmp_path):
+    np.savez(tmp_path / "shapes.npz", shape=np.eye(3))
+    assert read_shapes(tmp_path / "shapes.npz", 3).shape == (3, 3)
+    with pytest.raises(InputError, match="to fit y"):
+        read_shapes(tmp_path / "shapes.npz", 4)
+    np.savez(tmp_path / "other.npz", y=np.eye(3))
+    with pytest.raises(InputError, match="has no shape"):
+        read_shapes(tmp_path / "other.npz", 3)

@@ -9,7 +9,7 @@ from fsw.modal.refinement import project, refine
 from fsw.modal.result import Options, to_contract
 from fsw.modal.uncertainty import modal_sigmas
 from sim.bench.modal_bounds import cramer_rao
-from sim.bench.modal_records import DAMPING, DECAYS, flight, free_decay, grid, pole, published, shapes
+from sim.bench.modal_records import DAMPING, DECAYS, ON_BOARD, flight, free_decay, grid, pole, published, shapes
 from wingbeat.errors import InputError
 
 D2 = DECAYS["D2"][0]
@@ -246,3 +246,20 @@ def test_short_records_of_any_shape_are_taken(samples, channels, kind):
     y[rng.uniform(size=y.shape) < 0.05] = np.nan
     found = identify(time_s, y, kind)
     assert all(np.isfinite(m.frequency_hz) for m in found.modes)
+
+
+def test_a_pair_nearer_than_the_record_resolves_stands_apart_by_its_shapes_and_is_named():
+    modes, rate_hz, _, noise_mm = ON_BOARD
+    time_s = np.arange(round(6.0 * rate_hz)) / rate_hz
+    record = free_decay(modes, time_s, (9, 8), noise_mm, 3, axes=slice(0, 3))
+    found = identify(time_s, record.noisy)
+    assert [round(mode.frequency_hz, 2) for mode in found.valid_modes] == [0.73, 0.76, 3.0, 4.2]
+    assert "close_pair" in found.flags
+    assert "close_pair" not in identify(*record_of("D2", 3)).flags
+
+
+def test_a_pair_that_the_intervals_do_not_tell_apart_is_not_valid():
+    time_s = np.arange(120) / 20.0
+    record = free_decay({"B1": 0.73, "IP": 0.7301}, time_s, (5, 4), 0.5, 3)
+    valid = identify(time_s, record.noisy).valid_modes
+    assert len(valid) < 2

@@ -4,10 +4,20 @@ import numpy as np
 import pytest
 from scipy.linalg import hankel
 
-from fsw.modal.correlation import fixed_window, spectral
+from fsw.modal.correlation import fixed_window, random_decrement, spectral
 from fsw.modal.indicators import amplitude_coherence, modal_singular_value, shape_assurance
-from fsw.modal.realisation import block_hankel, continuous, frequency_and_damping, poles_of_order, realise
-from sim.bench.modal_records import pole
+from fsw.modal.paper import subspace_of_data
+from fsw.modal.pipeline import identify
+from fsw.modal.realisation import (
+    block_hankel,
+    continuous,
+    frequency_and_damping,
+    poles_of_order,
+    realise,
+    weighted_realisation,
+)
+from fsw.modal.result import Options, to_contract
+from sim.bench.modal_records import AMBIENT, pole, published, stationary
 
 RATE_HZ = 20.0
 POLES = np.array([pole(0.72, 0.005), pole(0.75, 0.008), pole(4.2, 0.02)])
@@ -90,3 +100,50 @@ def test_shape_assurance_ignores_scale_and_phase():
     assert shape_assurance(a, 3j * a) == pytest.approx(1.0)
     assert shape_assurance(np.array([1.0 + 0j, 0]), np.array([0j, 1])) == 0.0
     assert shape_assurance(np.zeros(2, complex), np.ones(2, complex)) == 0.0
+
+
+@pytest.mark.parametrize("cva", [False, True])
+def test_projection_of_data_realises_a_long_noise_free_series(cva):
+    signals = noise_free(count=400) + 1e-9 * np.random.default_rng(0).standard_normal((400, 4))
+    found = poles_of_order(subspace_of_data(signals, 15, 6, cva), 6)
+    s = continuous(found.z, RATE_HZ)
+    assert np.allclose(s[np.argsort(s.imag)], POLES, rtol=1e-4)
+
+
+def test_weights_leave_the_poles_of_a_noise_free_series_exact():
+    series = noise_free()[:, :, None]
+    rng = np.random.default_rng(3)
+    left, right = np.eye(40) + 0.1 * rng.standard_normal((40, 40)), np.eye(10) + 0.1 * rng.standard_normal((10, 10))
+    found = poles_of_order(weighted_realisation(series, 10, 10, 6, left, right), 6)
+    s = continuous(found.z, RATE_HZ)
+    assert np.allclose(s[np.argsort(s.imag)], POLES, rtol=1e-9)
+    plain = poles_of_order(realise(series, 10, 10, 6), 6)
+    for a, b in zip(found.shape.T, plain.shape.T, strict=True):
+        assert max(shape_assurance(a, other) for other in plain.shape.T) > 1 - 1e-9 and b.shape == a.shape
+
+
+def test_random_decrement_of_a_response_to_noise_decays_like_the_mode():
+    time_s, y = stationary({"B1": 3.0}, 600.0, 20.0, (2, 2), 0.01, 5)
+    signature = random_decrement(y, 200)
+    s, _ = sorted_poles(fixed_window(signature, 60), order=2)
+    assert abs(s[0]) / (2 * np.pi) == pytest.approx(3.0, rel=0.01)
+    assert signature[0, -1] > 0.0 and len(time_s) == len(y)
+
+
+@pytest.mark.parametrize("method", ["paper", "rdt_era_dc", "ssi_data"])
+@pytest.mark.parametrize("weighting", ["none", "cva"])
+def test_methods_of_the_paper_find_the_strongest_mode_of_a_stationary_response(method, weighting):
+    time_s, y = stationary(*AMBIENT["A1"], 3)
+    found = identify(time_s, y, "ambient", Options(method=method, weighting=weighting))
+    assert any(abs(mode.frequency_hz - 0.72) < 0.02 * 0.72 for mode in found.modes)
+    assert to_contract(found)["modes"][0]["amplitude_mm"] is None
+
+
+def test_the_papers_correlations_take_the_damping_from_a_decay_and_fixed_windows_keep_it():
+    record = published("D2", 1)
+    damping = {}
+    for form in ("spectral", "fixed_window"):
+        found = identify(record.time_s, record.noisy, "decay", Options(method="paper", correlation=form))
+        damping[form] = min(found.modes, key=lambda mode: mode.frequency_hz).damping_ratio
+    assert damping["fixed_window"] == pytest.approx(0.005, rel=0.05)
+    assert damping["spectral"] < 0.5 * 0.005

@@ -5,15 +5,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.clustering import Candidate, Pole, cluster, stabilisation
+from fsw.modal.clustering import LEAST_ORDERS, Candidate, Pole, cluster, stabilisation
 from fsw.modal.coordinates import octaves
 from fsw.modal.realisation import realise
 
 FloatArray = NDArray[np.float64]
 Correlation = Callable[[FloatArray, int], FloatArray]
-
-# Orders a mode must appear in, of those tried.
-_LEAST_ORDERS = 3
 
 
 def subspace_candidates(
@@ -36,6 +33,6 @@ def subspace_candidates(
             continue
         system = realise(h / scale, rows, rows, order)
         poles = stabilisation(system, level.rate_hz, rows, level.band_hz)
-        candidates += cluster(poles, _LEAST_ORDERS)
+        candidates += cluster(poles, LEAST_ORDERS)
         diagram += poles
     return sorted(candidates, key=lambda c: -c.pole.singular_value), diagram

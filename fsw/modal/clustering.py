@@ -13,6 +13,8 @@ FREQUENCY_TOLERANCE = 0.01
 DAMPING_TOLERANCE = 0.003
 DAMPING_SHARE = 0.3
 SHAPE_TOLERANCE = 0.9
+# Orders a mode must appear in, of those tried.
+LEAST_ORDERS = 3
 
 
 @dataclass(frozen=True)

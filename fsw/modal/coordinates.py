@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.signal
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
+
+from fsw.modal.subspace import leading_singular
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ def principal_coordinates(time_s: FloatArray, y: FloatArray, count: int) -> Coor
     """
     present = np.isfinite(y)
     live = present.mean(axis=0) > _LEAST_SHARE
-    live[live] = np.nanstd(y[:, live], axis=0) > 0.0
+    live[live] = np.nanmax(y[:, live], axis=0) > np.nanmin(y[:, live], axis=0)
     share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
     complete = share >= 1.0
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
@@ -103,8 +104,11 @@ def _project(y: FloatArray, present: NDArray[np.bool_], count: int) -> tuple[Flo
     scale = np.full(y.shape[1], max(float(y.std()), 1e-300))
     gaps = not bool(present.all())
     filling = [rank for rank in _FILLING if rank < count] if gaps else []
+    start = None
     for rank in [*filling, *[count] * _ROUNDS]:
-        V = _leading_directions(y / scale, rank)
+        _, _, Vt = leading_singular(y / scale, count, start)
+        start = Vt.T
+        V = np.ascontiguousarray(Vt[:rank].T)
         signals = (y / scale) @ V
         if gaps:
             # Least squares on the channels that are there, tick by tick: (V^T W V) da = V^T W (y - V a). A direction
@@ -118,23 +122,17 @@ def _project(y: FloatArray, present: NDArray[np.bool_], count: int) -> tuple[Flo
             # channel that is off would step at the ends of its gaps.
             y = y - np.where(present, y - filled, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
             y = np.where(present, y, filled)
-        noise = np.sqrt(np.mean((y - (signals @ V.T) * scale) ** 2, axis=0))
+        noise = scale * np.sqrt(_mean_square_left(y / scale, signals, V))
         basis = V * scale[:, None]
         # No channel may claim to be much better than the others: the fit would chase it.
         scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * float(y.std())))
     return signals, basis, y
 
 
-def _leading_directions(y: FloatArray, count: int) -> FloatArray:
-    """Leading right singular vectors (M, p) through the smaller Gram matrix."""
-    T, M = y.shape
-    p = min(count, T, M)
-    if T < M:
-        _, U = scipy.linalg.eigh(y @ y.T, subset_by_index=(T - p, T - 1))
-        V, _ = np.linalg.qr(y.T @ U[:, ::-1])
-        return V
-    _, V = scipy.linalg.eigh(y.T @ y, subset_by_index=(M - p, M - 1))
-    return np.ascontiguousarray(V[:, ::-1])
+def _mean_square_left(y: FloatArray, signals: FloatArray, V: FloatArray) -> FloatArray:
+    """Mean square (M,) of y - signals V^T, from products: no array of the size of y is made for it."""
+    left = np.einsum("ij,ij->j", y, y) - 2.0 * np.sum((y.T @ signals) * V, axis=1)
+    return np.maximum(left + np.sum((V @ (signals.T @ signals)) * V, axis=1), 0.0) / len(y)
 
 
 def even_grid(stamps: FloatArray, signals: FloatArray, rate_hz: float) -> FloatArray:

@@ -70,7 +70,7 @@ def find_decay(
             break
         found, poles = subspace_candidates(left, rate_hz, correlation, options.block_rows, options.order)
         diagram = diagram or poles
-        fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole.s, fit, time_s)]
+        fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole, fit, time_s)]
         fresh = fresh[: max(most - len(known), 0)]
         if not fresh:
             break
@@ -131,12 +131,20 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
         if any(_split(time_s, fit, int(j), i) for i in stronger):
             return int(j)
     limit = _least_statistic(fit.residual.shape[1])
-    excess = values / (limit * np.maximum(noise_beside(time_s, fit), 1.0))
+    excess = values / limit
+    if np.min(excess) < _loudest(fit.residual):
+        excess /= np.maximum(noise_beside(time_s, fit), 1.0)
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
     excess[(cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))] = 0.0
     worst = int(np.argmin(excess))
     return worst if excess[worst] < 1.0 else None
+
+
+def _loudest(residual: FloatArray) -> float:
+    """More than noise_beside can say of any mode: what is stronger than this needs no closer look."""
+    power = np.sum(np.abs(np.fft.rfft(residual, axis=0)) ** 2, axis=1)
+    return 10.0 * float(np.max(power)) / len(residual)
 
 
 @lru_cache
@@ -157,10 +165,13 @@ def _split(time_s: FloatArray, fit: Fit, a: int, b: int) -> bool:
     )
 
 
-def _near(s: complex, fit: Fit, time_s: FloatArray) -> bool:
-    """Whether a fresh pole only repeats one that is fitted already."""
-    apart = np.abs(fit.poles.imag - s.imag) / (2.0 * np.pi) * float(time_s[-1])
-    return bool(np.any(apart < 0.3))
+def _near(pole: Pole, fit: Fit, time_s: FloatArray) -> bool:
+    """Whether a fresh pole only repeats one that is fitted already, in frequency and shape."""
+    apart = np.abs(fit.poles.imag - pole.s.imag) / (2.0 * np.pi) * float(time_s[-1])
+    return any(
+        apart[j] < 0.05 or shape_assurance(pole.shape, complex_shape(fit, int(j))) > _SAME_SHAPE
+        for j in np.flatnonzero(apart < 0.3)
+    )
 
 
 def onset(time_s: FloatArray, signals: FloatArray) -> int:

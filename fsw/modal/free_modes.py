@@ -22,7 +22,7 @@ from fsw.modal.gates import (
     weak_flags,
 )
 from fsw.modal.refinement import Fit, refine
-from fsw.modal.result import Mode, Options
+from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import (
     departure,
     fit_coherence,
@@ -153,11 +153,3 @@ def channel_shapes(orthonormal: FloatArray, triangle: FloatArray, channels: Floa
     """Complex amplitudes (modes, L) at time 0 of each mode in each channel, by linear least squares."""
     X = np.linalg.solve(triangle, orthonormal.T @ channels)
     return (X[0 : 2 * modes : 2] - 1j * X[1 : 2 * modes : 2]).astype(np.complex128)
-
-
-def normalised(shape: ComplexArray, live: NDArray[np.bool_]) -> ComplexArray:
-    """Shape (M,) over all channels with its largest entry 1; NaN where a channel was not used."""
-    full = np.full(len(live), np.nan + 0j, np.complex128)
-    peak = shape[int(np.argmax(np.abs(shape)))]
-    full[live] = shape / peak if peak != 0.0 else shape
-    return full

@@ -32,7 +32,7 @@ LEAST_DECAY = 0.05
 DAMPING_DEVIATIONS = 3.0
 LARGEST_FREQUENCY_SIGMA = 0.01
 LARGEST_DECAY_FREQUENCY_SIGMA = 0.005
-LARGEST_AMBIENT_DAMPING_SIGMA = 0.9
+LARGEST_AMBIENT_DAMPING_SIGMA = 1.3
 # A frequency that moves by more than this share of itself within the record is not one frequency.
 LARGEST_CHANGE = 0.005
 CHANGE_DEVIATIONS = 4.0
@@ -43,6 +43,9 @@ COMBINATION_AMPLITUDE = 0.03
 HIGH_COMBINATION_AMPLITUDE = 0.01
 COMBINATION_FREQUENCY = 0.003
 LEAST_RELATIVE_AMPLITUDE = 5e-3
+# Modes nearer than this many 1 / T stand apart by their shapes alone; nearer than so many deviations, not at all.
+PAIR_RESOLUTIONS = 2.0
+PAIR_DEVIATIONS = 4.0
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there.
 LARGEST_LINE_SHARE = 0.9
 # Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, its least height over

@@ -38,3 +38,14 @@ def shape_assurance(a: ComplexArray, b: ComplexArray) -> float:
     """Modal assurance criterion |a^H b|^2 / (a^H a b^H b) of two shapes (M,), 0 to 1; 0 if one is zero."""
     norm = float(np.vdot(a, a).real * np.vdot(b, b).real)
     return float(abs(np.vdot(a, b)) ** 2 / norm) if norm > 0.0 else 0.0
+
+
+def nearest_shape(shape: ComplexArray, reference: ComplexArray) -> tuple[int, float]:
+    """Index of the reference shape (k, M) that a mode's shape (M,) is most like, and their assurance, 0 to 1.
+
+    Only channels that both have count: NaN marks those that have no value.
+    """
+    there = np.isfinite(shape) & np.isfinite(reference).all(axis=0)
+    likeness = [shape_assurance(shape[there], other[there]) for other in reference]
+    best = int(np.argmax(likeness))
+    return best, likeness[best]

@@ -1,5 +1,7 @@
 """Modal identification of recorded channels: one function from samples to modes with intervals and validity."""
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -9,7 +11,10 @@ from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates, principal_coordinates
 from fsw.modal.correlation import fixed_window, spectral
 from fsw.modal.decay import LEAST_SAMPLES
+from fsw.modal.forced import identify_forced
 from fsw.modal.free_modes import identify_decay
+from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
+from fsw.modal.paper import identify_as_paper
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
 from wingbeat.errors import InputError
@@ -29,11 +34,13 @@ def identify(
     y: FloatArray,
     kind: Literal["auto", "decay", "ambient"] = "auto",
     options: Options | None = None,
+    u: FloatArray | None = None,
 ) -> ModalResult:
     """Modes of a record of vibration, each with its interval, its indicators and whether to believe it.
 
     time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
-    decay, the stationary response to unknown noise, or decided from the data. Deterministic. Raises
+    decay, the stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were
+    measured, such as wheel torque; the modes are then those of the plant alone. Deterministic. Raises
     InputError for arrays that do not fit. Source: section 5 of the paper (Eq. 31-41), refined by maximum
     likelihood.
     """
@@ -50,16 +57,23 @@ def identify(
     modes: list[Mode] = []
     poles: list[Pole] = []
     decided: Kind = "ambient"
-    if kind != "ambient":
+    if u is not None:
+        free, _, _ = identify_decay(coordinates, fixed_window, settings)
+        modes, poles = identify_forced(coordinates, _inputs(u, coordinates), free, settings)
+        decided = "decay"
+    elif settings.method != "refined":
+        modes, poles = identify_as_paper(coordinates, settings)
+        decided = "decay" if kind == "decay" else "ambient"
+    elif kind != "ambient":
         correlation = spectral if settings.correlation == "spectral" else fixed_window
         modes, poles, is_decay = identify_decay(coordinates, correlation, settings)
         decided = "decay" if kind == "decay" or is_decay else "ambient"
-    if decided == "ambient":
+    if decided == "ambient" and settings.method == "refined" and u is None:
         correlation = fixed_window if settings.correlation == "fixed_window" else spectral
         modes, poles = identify_ambient(coordinates, correlation, settings)
-    modes = sorted(modes, key=lambda mode: mode.frequency_hz)
+    modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)
-    return ModalResult(modes, _record_flags(modes), record, decided, _diagram(coordinates, poles))
+    return ModalResult(modes, _record_flags(modes, record.duration_s), record, decided, _diagram(coordinates, poles))
 
 
 def _checked(time_s: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -75,14 +89,36 @@ def _checked(time_s: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]
     return time_s, np.where(np.isfinite(y), y, np.nan)
 
 
-def _record_flags(modes: list[Mode]) -> list[str]:
+def _inputs(u: FloatArray, coordinates: Coordinates) -> FloatArray:
+    """Measured inputs (T, inputs) at the stamps that were kept. Raises InputError where they do not fit."""
+    u = np.asarray(u, dtype=np.float64)
+    u = u[:, None] if u.ndim == 1 else u
+    if u.ndim != 2 or len(u) != len(coordinates.kept) or not np.all(np.isfinite(u)):
+        raise InputError(f"u {u.shape} does not fit, or has gaps", "u", "give each input a number at every time")
+    return u[coordinates.kept]
+
+
+def _pairs_flagged(modes: list[Mode]) -> list[Mode]:
+    """Modes in order of frequency; those that cannot be told from their neighbour by frequency are flagged."""
+    for j, (a, b) in enumerate(pairwise(modes)):
+        sigma_hz = float(np.hypot(a.frequency_sigma_hz, b.frequency_sigma_hz))
+        if a.valid and b.valid and b.frequency_hz - a.frequency_hz < PAIR_DEVIATIONS * sigma_hz:
+            modes[j], modes[j + 1] = (replace(m, valid=False, flags=sorted({*m.flags, "close_pair"})) for m in (a, b))
+    return modes
+
+
+def _record_flags(modes: list[Mode], duration_s: float) -> list[str]:
     """What holds for the record: nothing seen above the noise, or a flag of a mode that matters."""
     seen = [mode for mode in modes if _UNSEEN.isdisjoint(mode.flags)]
-    largest = max((mode.amplitude for mode in modes), default=0.0)
+    largest = max((mode.amplitude for mode in modes if mode.amplitude > 0.0), default=0.0)
     flags = [] if seen else ["not_observable"]
+    valid = [mode.frequency_hz for mode in modes if mode.valid or "close_pair" in mode.flags]
+    if any(b - a < PAIR_RESOLUTIONS / duration_s for a, b in pairwise(valid)):
+        flags.append("close_pair")
     for flag in ("time_varying", "short_record", "harmonic", "near_nyquist"):
         if any(
-            flag in mode.flags and "incoherent" not in mode.flags and mode.amplitude > 0.02 * largest for mode in modes
+            flag in mode.flags and "incoherent" not in mode.flags and not mode.amplitude <= 0.02 * largest
+            for mode in modes
         ):
             flags.append(flag)
     return flags

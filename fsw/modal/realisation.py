@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
+
+from fsw.modal.subspace import leading_singular
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-# Subspace iteration: vectors beyond those asked for, and rounds.
-_OVERSAMPLING, _POWER_ROUNDS = 8, 2
 
 
 @dataclass(frozen=True)
@@ -57,37 +55,6 @@ def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> Floa
     return h[index].transpose(0, 2, 1, 3).reshape(rows * p, columns * m)
 
 
-def leading_singular(H: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Leading singular vectors and values U (M, k), s (k,), V^T (k, N) of a matrix, k >= count where there are as many.
-
-    A large matrix is met by subspace iteration of a fixed number of rounds from a fixed start; what is of exact rank up
-    to count comes out exactly. Source: Halko, Martinsson and Tropp, 2011, with chirps instead of random vectors.
-    """
-    width = count + _OVERSAMPLING
-    if min(H.shape) <= 2 * width:
-        return _svd(H)
-    Q = _chirps(H.shape[1], width)
-    for _ in range(_POWER_ROUNDS):
-        Q, _ = np.linalg.qr(H @ Q)
-        Q, _ = np.linalg.qr(H.T @ Q)
-    U, s, W = _svd(H @ Q)
-    return U, s, W @ Q.T
-
-
-def _chirps(length: int, count: int) -> FloatArray:
-    """Columns (length, count) that are spread over all rows and nearly at right angles to each other."""
-    i = np.arange(length)[:, None] + 0.5
-    return np.cos(np.pi * i**2 * (2.0 * np.arange(count) + 1.0) / (2.0 * length))
-
-
-def _svd(H: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Thin singular value decomposition: by divide and conquer, or by the slower QR iteration where that gives up."""
-    try:
-        return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesdd")
-    except np.linalg.LinAlgError:
-        return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesvd")
-
-
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     """Balanced realisation of a series by the eigensystem realisation algorithm.
 
@@ -95,13 +62,32 @@ def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     """
     _, p, m = h.shape
     U, s, Vt = leading_singular(block_hankel(h, rows, columns), order)
-    rank = int(np.count_nonzero(s > s[0] * 1e-13)) if s[0] > 0.0 else 0
-    n = min(order, rank)
-    root = np.sqrt(s[:n])
+    n, root = _cut(s, order)
     left, right = U[:, :n] / root, Vt[:n].T / root
     A = left.T @ block_hankel(h, rows, columns, 1) @ right
     controllability = Vt[:n] * root[:, None]
     return Realisation(A, controllability[:, :m].copy(), U[:p, :n] * root, controllability)
+
+
+def weighted_realisation(
+    h: FloatArray, rows: int, columns: int, order: int, left: FloatArray, right: FloatArray
+) -> Realisation:
+    """The same of left H(0) right: weights (rows p, rows p) and (columns m, columns m), taken out again at the end."""
+    _, p, m = h.shape
+    U, s, Vt = leading_singular(left @ block_hankel(h, rows, columns) @ right, order)
+    n, root = _cut(s, order)
+    A = (U[:, :n] / root).T @ left @ block_hankel(h, rows, columns, 1) @ right @ (Vt[:n].T / root)
+    observability = np.linalg.solve(left, U[:, :n] * root)
+    controllability = np.linalg.solve(right.T, Vt[:n].T * root).T
+    parts = (A, controllability[:, :m], observability[:p], controllability)
+    return Realisation(*(np.asarray(part, np.float64) for part in parts))
+
+
+def _cut(s: FloatArray, order: int) -> tuple[int, FloatArray]:
+    """The order that singular values allow, and their roots."""
+    rank = int(np.count_nonzero(s > s[0] * 1e-13)) if s[0] > 0.0 else 0
+    n = min(order, rank)
+    return n, np.sqrt(s[:n])
 
 
 def poles_of_order(system: Realisation, order: int) -> Poles:

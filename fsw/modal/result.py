@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Kind = Literal["decay", "ambient"]
+Method = Literal["refined", "paper", "rdt_era_dc", "ssi_data"]
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,8 @@ class Options:
     coordinates: most principal coordinates. block_rows: most block rows of a Hankel matrix. order: highest
     order tried. drift_degree: of the polynomial under a decay. most_modes. minimum_amplitude: in the
     channels' unit, below which a mode is not observable whatever the noise. correlation: "auto" takes the
-    form that suits the kind.
+    form that suits the kind. method: "refined" is the own one; "paper" the fusion of "rdt_era_dc" and
+    "ssi_data", which can each be had alone. weighting: of the Hankel matrix, for the paper's methods.
     """
 
     coordinates: int = 12
@@ -28,6 +30,8 @@ class Options:
     most_modes: int = 10
     minimum_amplitude: float = 0.0
     correlation: Literal["auto", "fixed_window", "spectral"] = "auto"
+    method: Method = "refined"
+    weighting: Literal["none", "cva"] = "none"
 
 
 @dataclass(frozen=True)
@@ -119,6 +123,14 @@ def to_contract(result: ModalResult) -> dict[str, Any]:
         },
         "kind": result.kind,
     }
+
+
+def normalised(shape: ComplexArray, live: NDArray[np.bool_]) -> ComplexArray:
+    """Shape (M,) over all channels with its largest entry 1; NaN where a channel was not used."""
+    full = np.full(len(live), np.nan + 0j, np.complex128)
+    peak = shape[int(np.argmax(np.abs(shape)))]
+    full[live] = shape / peak if peak != 0.0 else shape
+    return full
 
 
 def _number(value: float) -> float | None:

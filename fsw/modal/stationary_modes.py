@@ -7,10 +7,9 @@ from fsw.modal.ambient import Peak, weigh_peak
 from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import Coordinates, even_grid
-from fsw.modal.free_modes import normalised
 from fsw.modal.gates import ambient_flags, common_flags
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.result import Mode, Options
+from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import au_law
 
 FloatArray = NDArray[np.float64]
@@ -24,8 +23,9 @@ _ROWS_OF_SAMPLES, _MOST_ROWS, _HANKEL_SIZE = 16, 60, 240
 # Modes nearer than this share of their frequency are told apart by their shapes.
 _NEIGHBOUR = 0.2
 _SAME_SHAPE = 0.8
-# Beside a mode, poles with less than this share of its singular value are its fragments.
-_FRAGMENT = 0.35
+# Beside a mode, poles with less than this share of its singular value are its fragments, and those of the very shape.
+_FRAGMENT = 0.15
+_VERY_SHAPE = 0.95
 # The subspace method spends so much more variance than the uncertainty law's least.
 _EFFICIENCY = 1.3
 # A damping below this cannot be told from a steady line, in units of 1 / (2 pi f T).
@@ -101,7 +101,8 @@ def _overlaps(candidate: Candidate, found: list[Candidate], duration_s: float) -
         width_hz = abs(other.damping_ratio) * other.frequency_hz + abs(candidate.damping_ratio) * candidate.frequency_hz
         strength, stronger = candidate.pole.singular_value, other.pole.singular_value
         before = (other.count, stronger) > (candidate.count, strength)
-        if before and _same_shape(other, candidate) and 0.0 < apart_hz < width_hz + 3.0 / duration_s:
+        alike = shape_assurance(other.pole.shape, candidate.pole.shape) > _VERY_SHAPE
+        if before and alike and 0.0 < apart_hz < width_hz + 3.0 / duration_s:
             return True
         if strength < _FRAGMENT * stronger and apart_hz < 3.0 * (width_hz + 1.0 / duration_s):
             return True

@@ -71,6 +71,15 @@ class IdentifyTable(Table, frozen=True):
     kind: Annotated[
         Literal["auto", "decay", "ambient"], Meta(description="what the record holds; auto decides by itself")
     ]
+    method: Annotated[
+        Literal["refined", "paper", "rdt_era_dc", "ssi_data"],
+        Meta(description="maximum likelihood, or the paper's fusion, or one of the two methods that it joins"),
+    ]
+    weighting: Annotated[Literal["none", "cva"], Meta(description="of the Hankel matrix, for the paper's methods")]
+    correlation: Annotated[
+        Literal["auto", "fixed_window", "spectral"],
+        Meta(description="products over a fixed window suit decays, cross spectra suit stationary response"),
+    ]
     coordinates: Annotated[int, Meta(ge=1, le=64, description="principal coordinates, at most")]
     block_rows: Annotated[int, Meta(ge=4, le=500, description="block rows of the Hankel matrix, at most")]
     order: Annotated[int, Meta(ge=2, le=200, description="highest order of the realisation")]

@@ -77,6 +77,9 @@ class Identify:
             drift_degree=table.drift_degree,
             most_modes=min(table.most_modes, MODE_SLOTS),
             minimum_amplitude=table.minimum_amplitude_mm,
+            correlation=table.correlation,
+            method=table.method,
+            weighting=table.weighting,
         )
 
     def init(self) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fsw.modal.pipeline import identify
-from sim.bench import modal_robust
+from sim.bench import modal_loop, modal_on_board, modal_robust
 from sim.bench.modal_bounds import cramer_rao, uncertainty_law
 from sim.bench.modal_peers import peers
 from sim.bench.modal_records import AMBIENT, DECAYS, FloatArray, published, stationary
@@ -28,6 +28,8 @@ def cases(rows: str | None, runs: int | None, seed: int) -> list[Case]:
         "decay": _decay_cases(count, seed),
         "ambient": [lambda case=case: _ambient(case, count, seed) for case in AMBIENT],
         "robust": modal_robust.cases(count, seed),
+        "loop": modal_loop.cases(count, seed),
+        "on_board": modal_on_board.cases(count, seed),
     }
     wanted = list(tables) if rows is None else rows.split(",")
     if unknown := [name for name in wanted if name not in tables]:
