@@ -35,7 +35,6 @@ FLAG_WORDS = {
     "late": "came too late",
     "held": "last good value, held",
     "saturated": "outside the range that can be sent",
-    "unconfirmed": "not in the estimate before",
     "other": "other",
 }
 MOST_EVENTS = 200
