@@ -5,12 +5,14 @@ from functools import partial
 from pathlib import Path
 
 from sim.bench.table import Row
+from sim.bench.vision_disturbed import DISTURBANCES
+from sim.bench.vision_stress import stress
 from sim.bench.vision_tracking import tracking
 from wingbeat.errors import InputError
 
 RUNS = 5
 STRESS_BINNING = 2
-TABLES = ("tracking",)
+TABLES = ("tracking", "stress")
 
 
 def cases(
@@ -30,7 +32,10 @@ def cases(
     for name in wanted:
         if name not in TABLES:
             raise InputError("is no table of the suite vision", name, f"choose of {', '.join(TABLES)}")
+    seeds = range(seed, seed + (runs or RUNS))
     found: list[Callable[[], Sequence[Row]]] = []
     if "tracking" in wanted:
         found += [partial(tracking, 1, seed, at_rest) for at_rest in (False, True)]
+    if "stress" in wanted:
+        found += [partial(stress, disturbance, seeds, binning) for disturbance in DISTURBANCES]
     return found
