@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fsw.tables.schema import PanelTable
 from sim.artwork import cell_centres
+from sim.disturbances import dim, speckle
 from sim.motion import Oscillator
 from sim.scenario import Scenario, load_scenario
 from sim.structure import Modes, solve_modes
@@ -197,20 +198,6 @@ def read_header(image: NDArray[Any], row: int) -> Header | None:
     if magic != MAGIC or sum(data[:-1]) % 256 != check:
         return None
     return Header(eye, time_ns, bump / 1000.0)
-
-
-def speckle(image: NDArray[Any], grain: float, seed: tuple[int, int, int]) -> None:
-    """Add noise, of this standard deviation in grey levels."""
-    noise = grain * np.random.default_rng(seed).standard_normal(image.shape, np.float32)
-    image[:] = np.clip(image + noise, 0.0, np.iinfo(image.dtype).max)
-
-
-@kernel
-def dim(image: NDArray[Any], gain: float) -> None:
-    """Take light away."""
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
-            image[i, j] = int(min(max(image[i, j] * gain, 0.0), 255.0))
 
 
 @kernel

@@ -9,15 +9,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.disturbances import dim, glare, shift, speckle
 from sim.scenario import load_scenario
 from sim.surrogate_flap import Flap
 from sim.surrogate_motion import ModalMotion
-from sim.surrogate_world import IN_SHADOW, Scene, dim, speckle
+from sim.surrogate_world import IN_SHADOW, Scene
 from sim.world import World
-from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
-TILES = (6, 8)  # down and across: a glint covers one of them
 
 
 class WholeWorld:
@@ -66,21 +65,3 @@ def hinged_surface(x_mm: FloatArray, fold_mm: float, rows: int) -> FloatArray:
     surface[beyond, :, 0, 0] = ((x_mm[:-1] - fold_mm) / span)[beyond, None]
     surface[beyond, :, 1, 0] = (np.diff(x_mm) / span)[beyond, None]
     return surface
-
-
-def glare(image: NDArray[Any], share: float, pattern: int) -> None:
-    """Saturate a share of the image's tiles."""
-    down, across = TILES
-    tall, wide = image.shape[0] // down, image.shape[1] // across
-    order = np.random.default_rng([pattern, 66]).permutation(down * across)
-    for tile in order[: round(share * down * across)]:
-        top, left = tile // across * tall, tile % across * wide
-        image[top : top + tall, left : left + wide] = np.iinfo(image.dtype).max
-
-
-@kernel
-def shift(image: NDArray[Any], by_px: float) -> None:
-    """Move an image to the left by less than a pixel."""
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1] - 1):
-            image[i, j] = int((1.0 - by_px) * image[i, j] + by_px * image[i, j + 1] + 0.5)

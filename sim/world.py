@@ -59,8 +59,12 @@ class World:
     def render(self, tick: int, eye: int, out: NDArray[Any]) -> None:
         """Fill out (height, width) with what this eye (0 left, 1 right) sees at this edge."""
         bent = self._bent[eye]
-        np.dot(self._modal[tick], self._patches, out=bent.reshape(-1))
+        np.dot(self.modal_mm(tick), self._patches, out=bent.reshape(-1))
         self.render_bent(tick, eye, bent, out)
+
+    def modal_mm(self, tick: int) -> FloatArray:
+        """Factors (M,) of all computed modes' shapes at this edge."""
+        return self._modal[tick]
 
     def render_bent(self, tick: int, eye: int, bent: FloatArray, out: NDArray[Any]) -> None:
         """The same with the wing bent otherwise: bent, its surface in patches (ex, ey, 4, 4) in mm."""

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -20,6 +21,13 @@ def bench(
     runs: Annotated[int | None, typer.Option(min=1, help="Seeds a row; default: what the suite's page names.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 1,
     rows: Annotated[str | None, typer.Option(help="Tables by name, separated by commas; default: all.")] = None,
+    sequence: Annotated[
+        Path | None, typer.Option(help="vision: a recorded sequence's folder with its truth.npz, for `methods`.")
+    ] = None,
+    binning: Annotated[
+        int, typer.Option(min=1, help="vision: pixels a side read as one in `stress` and `motion`; 1: full images.")
+    ] = 2,
+    pace_seconds: Annotated[float, typer.Option(min=1.0, help="vision: duration of `pace`, at real pace.")] = 60.0,
     json_file: Annotated[str | None, typer.Option("--json", help="The rows as JSON; - for stdout.")] = None,
 ) -> None:
     """Measure every method on the same data in one run: accuracy, honesty and processor time, beside the limits.
@@ -29,7 +37,12 @@ def bench(
     if suite != "all" and suite not in SUITES:
         raise InputError("is no suite", suite, f"choose one of {', '.join(SUITES)} or all")
     names = list(SUITES) if suite == "all" else [suite]
-    cases = [case for name in names for case in import_module(SUITES[name]).cases(rows, runs, seed)]
+    own: dict[str, dict[str, Any]] = {
+        "vision": {"sequence": sequence, "binning": binning, "pace_seconds": pace_seconds}
+    }
+    cases = [
+        case for name in names for case in import_module(SUITES[name]).cases(rows, runs, seed, **own.get(name, {}))
+    ]
     found: list[Row] = []
     with progress(f"bench {suite}", len(cases)) as advance:
         for case in cases:
