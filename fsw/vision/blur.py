@@ -45,5 +45,6 @@ def look_up(step: FloatArray, x: float) -> tuple[float, float, float]:
     if i >= STEP_ROWS - 1:
         return 1.0, 0.0, 0.0
     f = place - i
-    a, b = step[i], step[i + 1]
-    return a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2])
+    # Element by element: a row taken as an array of its own would cost more than all the rest.
+    a0, a1, a2 = step[i, 0], step[i, 1], step[i, 2]
+    return a0 + f * (step[i + 1, 0] - a0), a1 + f * (step[i + 1, 1] - a1), a2 + f * (step[i + 1, 2] - a2)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import look_up
+from fsw.vision.templates import Templates, make_templates
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -41,12 +42,15 @@ class Scratch(NamedTuple):
     right: FloatArray  # (4,) and their right side
     segments: FloatArray  # (SEGMENTS, 3) place along the side (-0.5 .. 0.5), offset, variance
     pooled: FloatArray  # (3, 2) numerator and denominator of the steps of BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y
+    templates: Templates
 
 
 def make_scratch() -> Scratch:
     """Take the working memory."""
-    shapes: tuple[tuple[int, ...], ...] = ((BINS,), (BINS,), (BINS,), (4, 4), (4,), (SEGMENTS, 3), (3, 2))
-    return Scratch(*(np.zeros(shape) for shape in shapes))
+    total, place, number = np.zeros((3, BINS))
+    return Scratch(
+        total, place, number, np.zeros((4, 4)), np.zeros(4), np.zeros((SEGMENTS, 3)), np.zeros((3, 2)), make_templates()
+    )
 
 
 class EdgeFit(NamedTuple):

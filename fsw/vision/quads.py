@@ -7,17 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
-from fsw.vision.sides import Lens, fit_segments, straight_side
+from fsw.vision.sides import Lens, fit_segments, match_segments, straight_side
+from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
 
 WINDOW_SIGMAS = 4.0  # the window holds the whole blurred step ...
 WINDOW_PX = 2.0  # ... and this much of the plateau beyond
 RECENTRE_PX = 0.35  # a side found farther off than this is measured again round where it was found
-RECENTRES = 3
+RECENTRES = 5
+MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
+FAR_SIGMAS = 1.8  # the far side of a line may come so near to the templates' window
 SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share; what stands in for a hidden side is no better
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
-FLOOR_PX = 0.003  # no side is known better than this: quantisation, lens and model, as one standard deviation
+FLOOR_PX = 0.0006  # no side is known better than this: what quantisation leaves
 
 
 class Cells(NamedTuple):
@@ -70,6 +73,8 @@ def measure_cells(
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
+    for row in range(2):
+        fill_templates(lens.step, lens.blur_px, _gain(expected_px, wanted, row), row, scratch.templates)
     middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
     nx, ny, lengths, extents = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
@@ -107,31 +112,40 @@ def measure_cells(
             if inner + outer > BINS * BIN_PX:
                 outer = BINS * BIN_PX - inner
             row = WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y
+            # Templates need half a window of plateau on either side.
+            half = 0.5 * scratch.templates.taps[k % 2]
+            plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, 0.45 * extent)
+            settled = MATCHED_PX if plain else RECENTRE_PX
             m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
                 a, b = m - 0.5 * s, m + 0.5 * s
                 start = (c[k, 0] + a * nx[k], c[k, 1] + a * ny[k])
                 end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
-                pieces, found, side_contrast = fit_segments(
-                    image,
-                    lens,
-                    start,
-                    end,
-                    (nx[k], ny[k]),
-                    (inner, outer),
-                    bar,
-                    row,
-                    sign,
-                    stride,
-                    scratch,
-                )
+                if plain:
+                    pieces, found, side_contrast = match_segments(
+                        image, lens, start, end, (nx[k], ny[k]), k % 2, sign, stride, scratch
+                    )
+                else:
+                    pieces, found, side_contrast = fit_segments(
+                        image,
+                        lens,
+                        start,
+                        end,
+                        (nx[k], ny[k]),
+                        (inner, outer),
+                        bar,
+                        row,
+                        sign,
+                        stride,
+                        scratch,
+                    )
                 ok, dm, ds, v, r = straight_side(scratch.segments, found)
                 ok = ok and 2 * found >= pieces
                 if not ok:
                     break
                 m, s = m + dm, s + ds
                 ok = abs(m) < MAX_WALK_PX and abs(s) < MAX_WALK_PX
-                if not ok or abs(dm) + 0.5 * abs(ds) < RECENTRE_PX:
+                if not ok or abs(dm) + 0.5 * abs(ds) < settled:
                     break
             if not ok:
                 hidden, which = hidden + 1, k
@@ -151,6 +165,19 @@ def measure_cells(
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
+
+
+@kernel
+def _gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> float:
+    """Mean distance from an edge per pixel along the image axis across it, of the sides along X (0) or along Y (1)."""
+    gain, count = 0.0, 0
+    for n in range(len(expected_px)):
+        if wanted[n]:
+            c, k1 = expected_px[n, row], expected_px[n, row + 1]
+            ex, ey = abs(k1[0] - c[0]), abs(k1[1] - c[1])
+            gain += max(ex, ey) / math.hypot(ex, ey)
+            count += 1
+    return gain / count if count > 0 else 1.0
 
 
 @kernel

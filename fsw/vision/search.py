@@ -45,12 +45,13 @@ def find_line(
     side: int,
     line_ratio: float,
     sign: float,
+    within_px: float,
     profile: FloatArray,
 ) -> tuple[bool, float, float, float]:
     """Look across one side for the line nearest to where it is expected.
 
     corners (4, 2): expected ideal pixels of the cell. line_ratio: the line's width over the cell's extent.
-    sign: +1 for cells darker than lines. profile (2 * SEARCH_PX,): working memory.
+    sign: +1 for cells darker than lines. within_px: look no farther than so. profile (2 * SEARCH_PX,): working memory.
     Returns (found, offset of the line outwards in ideal pixels, outward normal).
     """
     a, b, c, d = corners[side], corners[(side + 1) % 4], corners[(side + 2) % 4], corners[(side + 3) % 4]
@@ -59,7 +60,7 @@ def find_line(
     extent = 0.5 * ((a[0] + b[0] - c[0] - d[0]) * nx + (a[1] + b[1] - c[1] - d[1]) * ny)
     if extent < 0.0:
         nx, ny, extent = -nx, -ny, -extent
-    reach = int(min(SEARCH * extent, float(SEARCH_PX - 40)))
+    reach = int(min(SEARCH * extent, within_px, float(SEARCH_PX - 40)))
     width = max(1, round(line_ratio * extent))
     flank = max(2, width)
     before = reach + flank
@@ -95,7 +96,9 @@ def find_line(
             left += profile[start] - profile[start - flank]
             inner += profile[start + width] - profile[start]
             right += profile[start + width + flank] - profile[start + width]
-    return best > MIN_CONTRAST * SEARCH_LINES, float(where - before), nx, ny
+    # The window's middle is the line's; its first pixel lies half a pixel behind the edge.
+    offset = where - before + 0.5 * (width - 1 - line_ratio * extent)
+    return best > MIN_CONTRAST * SEARCH_LINES, offset, nx, ny
 
 
 @kernel
@@ -109,12 +112,13 @@ def look(
     bordering: BoolArray,
     sign: float,
     step: int,
+    within_px: float,
     seen: Sightings,
 ) -> int:
     """Look for the lines on the +X and +Y side of every cell in view of one eye; returns how many were found.
 
     corners_px (N, 4, 2): expected ideal pixels. in_view (N,). line_ratio, bordering (N, 4): as for measure_cells.
-    step: look at every so many cells.
+    step: look at every so many cells. within_px: and no farther from where a line is expected.
     """
     found = 0
     seen.offset_px[eye] = np.nan
@@ -124,7 +128,7 @@ def look(
             if not in_view[n] or bordering[n, side]:
                 continue
             good, offset, nx, ny = find_line(
-                image, eyes, eye, corners_px[n], side, line_ratio[n, side], sign, seen.profile[eye]
+                image, eyes, eye, corners_px[n], side, line_ratio[n, side], sign, within_px, seen.profile[eye]
             )
             if good:
                 seen.offset_px[eye, n, i] = offset

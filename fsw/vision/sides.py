@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from fsw.vision.edges import (
+    BLUR,
     SEGMENTS,
     FloatArray,
     Image,
@@ -12,12 +13,16 @@ from fsw.vision.edges import (
     gather,
 )
 from fsw.vision.rig import distort_point
+from fsw.vision.templates import sum_columns, take_pixels
 from wingbeat.kernels import kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
 SEGMENT_COLUMNS = 6.0  # that a segment should have, before any are left out
+SIDE_COLUMNS = 48.0  # that a side matched by templates should have, before any are left out
+LEAST_COLUMNS = 6  # of a segment matched by templates
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
+UNEXPLAINED = 3.0  # a straight side's chi-square by its degrees of freedom: more is not the noise's
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
 
 
@@ -86,6 +91,70 @@ def fit_segments(
 
 
 @kernel
+def match_segments(
+    image: Image,
+    lens: Lens,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    normal: tuple[float, float],
+    row: int,
+    sign: float,
+    stride: int,
+    scratch: Scratch,
+) -> tuple[int, int, float]:
+    """As fit_segments, by the templates of one direction of sides, where both plateaus are wide enough."""
+    weight, scale, segments = scratch.templates.weight, scratch.templates.scale, scratch.segments
+    pixel, place = scratch.templates.pixel, scratch.templates.place
+    taps, cubic = scratch.templates.taps[row], scratch.templates.cubic[row]
+    length = math.hypot(end[0] - start[0], end[1] - start[1])
+    inset = min(0.25 * length, max(3.0 * lens.blur_px + 1.0, 0.06 * length)) / length
+    span = (1.0 - 2.0 * inset) * length
+    pieces = int(min(float(SEGMENTS), max(2.0, span / SEGMENT_PX)))
+    stride = int(max(1.0, min(float(stride), span / SIDE_COLUMNS)))
+    u, v = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
+    _, _, xx, xy, yx, yy = distort_point(u, v, lens.intrinsics, lens.distortion)
+    det = xx * yy - xy * yx
+    gain_x = (yy * normal[0] - yx * normal[1]) / det
+    gain_y = (xx * normal[1] - xy * normal[0]) / det
+    vertical = abs(gain_y) > abs(gain_x)
+    gain = gain_y if vertical else gain_x
+    rising = sign if gain > 0.0 else -sign  # of the step along the image's axis, where cell and line are as expected
+    farthest = lens.blur_px
+    found, contrast = 0, 0.0
+    x1, y1 = 0.0, 0.0
+    for piece in range(pieces + 1):
+        f = inset + (1.0 - 2.0 * inset) * piece / pieces
+        u, v = start[0] + f * (end[0] - start[0]), start[1] + f * (end[1] - start[1])
+        x0, y0 = x1, y1
+        x1, y1, _, _, _, _ = distort_point(u, v, lens.intrinsics, lens.distortion)
+        if piece == 0:
+            continue
+        count, columns = take_pixels(image, (x0, y0), (x1, y1), vertical, stride, taps, pixel, place)
+        sb, sbb, sbc, scc, rest, freedom, blur_num, blur_den = sum_columns(
+            pixel, place, count, weight, scale, row, taps
+        )
+        if count < LEAST_COLUMNS or 2 * count < columns or rising * sb <= MIN_CONTRAST * count:
+            continue
+        step = abs(sb) / count
+        shift = sbc / sbb
+        if rest > freedom * (NOISE_GATE * step) ** 2:
+            continue
+        variance = (scc - shift * sbc) / ((count - 1) * sbb)
+        shift += cubic * shift**3
+        away = gain * shift
+        segments[found, 0] = inset + (1.0 - 2.0 * inset) * (piece - 0.5) / pieces - 0.5
+        segments[found, 1] = min(max(away, -farthest), farthest)
+        segments[found, 2] = gain * gain * max(variance, 0.0) + 1e-8
+        if abs(away) < lens.blur_px:
+            # To second order a shift looks like blur: the change with blur is blur times the second derivative.
+            scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens.blur_px)
+            scratch.pooled[BLUR, 1] += blur_den
+        contrast += step
+        found += 1
+    return pieces, found, contrast / max(found, 1)
+
+
+@kernel
 def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float, float, float]:
     """Weighted straight line through segment offsets: good, offset at the middle, slope, its variance there, residual.
 
@@ -122,6 +191,6 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         dropped += 1
     if which >= 0 or 2 * kept < count:
         return False, 0.0, 0.0, 0.0, 0.0
-    # Scatter beyond what the pixels explain widens the variance; luck does not narrow it.
-    scale = max(1.0, chi2 / (kept - 2)) if kept > 2 else 1.0
+    # Scatter far beyond what the pixels explain widens the variance; luck, either way, does not change it.
+    scale = chi2 / (kept - 2) if kept > 2 and chi2 > UNEXPLAINED * (kept - 2) else 1.0
     return True, middle, slope, scale * s2 / det, math.sqrt(squares / kept)

@@ -14,7 +14,7 @@ BoolArray = NDArray[np.bool_]
 
 FARTHEST_MM = 1e5  # a wing is not so far away: rays that are all but parallel meet nowhere
 
-_STEPS = 3  # Gauss-Newton steps from the linear start; the problem is nearly linear
+_STEPS = 2  # Gauss-Newton steps from the linear start; the problem is nearly linear
 
 
 class Points(NamedTuple):

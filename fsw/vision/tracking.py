@@ -1,31 +1,19 @@
 """TRACK: from a pair of images, and what was known before, to all cells in space. All memory is taken at the start."""
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.approach import Approach
 from fsw.vision.blur import STEP_ROWS, tabulate_step
-from fsw.vision.bridging import (
-    AS_BEFORE,
-    CONFIRMED,
-    MOST_STEPS,
-    SWING_MM,
-    TRIED_CELLS,
-    confirmed,
-    swing,
-    swing_step_mm,
-)
 from fsw.vision.edges import FloatArray, Image, make_scratch
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
-from fsw.vision.grid import CellGrid, line_ratios
-from fsw.vision.prediction import FEW, UNKNOWNS, expect, fit_surface, make_normal, make_surface, set_pose
+from fsw.vision.grid import CellGrid
+from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
 from fsw.vision.quads import Cells, adapt, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
-from fsw.vision.search import look, make_sightings, settle
 from fsw.vision.sides import Lens
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
@@ -55,14 +43,13 @@ class Tracker:
         count = grid.count
         self.rig, self.grid, self.options, self.eyes = rig, grid, options, eyes_of(rig)
         self.surface = make_surface(grid)
-        self.line_ratio, self.bordering = line_ratios(grid), np.ascontiguousarray(grid.neighbour < 0)
-        self.sightings = make_sightings(count)
-        self.expected_px = np.zeros((2, count, 4, 2))
-        self.expected_centre_px = np.zeros((2, count, 2))
-        self.in_view = np.zeros((2, count), dtype=np.bool_)
-        self.wanted = np.zeros(count, dtype=np.bool_)  # cells whose centres both eyes should see
+        self._normal = make_normal(count)
+        self._approach = Approach(grid, self.eyes, self.surface, self._normal)
+        self.expected_px, self.expected_centre_px = self._approach.expected_px, self._approach.expected_centre_px
+        self.in_view, self.wanted = self._approach.in_view, self._approach.wanted
+        self.deviation_px = self._approach.deviation_px
+        self.line_ratio, self.bordering = self._approach.line_ratio, self._approach.bordering
         self.both = np.zeros(count, dtype=np.bool_)
-        self.deviation_px = np.zeros((2, count, 4, 2))  # of the measured corners from the surface, last tick
         self.corners_px = np.full((2, count, 4, 2), np.nan)
         self.centre_px = np.full((2, count, 2), np.nan)
         self.covariance_px2 = np.full((2, count, 3), np.nan)
@@ -73,16 +60,10 @@ class Tracker:
         self.width_scale = np.ones((2, 2))
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
-        self._normal = make_normal(count)
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
-        self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
-        self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
         self._adaptation = ADAPTATION
-        self._share = 1.0  # of the lines, by which the last frame confirmed the surface
-        self._swing, self._tried_step = swing(), max(1, count // TRIED_CELLS)
         self._column = grid.column
         self._work = np.zeros((max(8, int(grid.column[-1]) + 1), 3))
-        self._second = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right-eye")
 
     def _cells(self, eye: int) -> Cells:
         """One eye's results, whose pixels are views of the arrays of both eyes."""
@@ -96,9 +77,7 @@ class Tracker:
     def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
         """Expect the wing, flat and at rest, in this pose."""
         set_pose(self.surface, rotation, translation_mm)
-        self._before[:] = 0.0
-        self._share = 1.0
-        self.deviation_px[:] = 0.0
+        self._approach.forget()
 
     def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
         """Begin from the wing's pose: bring surface, blur and widths of the lines near; returns the points found."""
@@ -117,19 +96,15 @@ class Tracker:
     def adopt(self, scout: "Tracker") -> None:
         """Take over what another tracker of the same wing has settled: surface, blur, widths of the lines."""
         set_pose(self.surface, scout.surface.rotation, scout.surface.translation_mm)
-        self.surface.unknowns[:] = self._before[:] = scout.surface.unknowns
-        self._share = scout._share
+        self.surface.unknowns[:] = scout.surface.unknowns
+        self._approach.adopt(scout._approach)
         self.blur_px[:] = scout.blur_px
         self.width_scale[:] = scout.width_scale
-        self.deviation_px[:] = scout.deviation_px
 
     def measure(self, left: Image, right: Image) -> None:
         """Find all cells near where they are expected in both images."""
-        self._bridge(left, right)
-        # What the few unknowns of the bridge cannot follow, all of them do, now that every line is the right one.
-        self._meet(left, right, 1, UNKNOWNS)
-        self._expect()
-        self._both(self._measure, left, right)
+        self._approach.bridge(left, right)
+        self._approach.both_eyes(self._measure, left, right)
 
     def reconstruct(
         self, matched: NDArray[np.bool_], reprojection_gate_px: float = math.inf, epipolar_gate_px: float = math.inf
@@ -194,79 +169,9 @@ class Tracker:
 
     def close(self) -> None:
         """End the thread of the right eye."""
-        self._second.shutdown()
+        self._approach.close()
 
-    def _expect(self) -> None:
-        expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
-        np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
-        np.add(self.expected_px, self.deviation_px, out=self.expected_px)
-
-    def _bridge(self, left: Image, right: Image) -> None:
-        """Bring the surface to where the lines confirm it, from the place before; unconfirmed, to the best found."""
-        now = self.surface.unknowns
-        self._origin[:] = now
-        enough = max(CONFIRMED, AS_BEFORE * self._share)
-        best = self._try(now, left, right, -1.0)
-        if best < enough:
-            np.multiply(self._origin, 2.0, out=self._trial)
-            np.subtract(self._trial, self._before, out=self._trial)
-            best = self._try(self._trial, left, right, best)
-        if best < enough:
-            now[:] = self._origin
-            self._expect()
-            step_mm = swing_step_mm(self.surface, self.eyes, self.expected_px, self.wanted, self._swing)
-            steps = int(min(SWING_MM / step_mm, MOST_STEPS)) if step_mm > 0.0 else 0
-            for i in range(1, steps + 1):
-                for away_mm in (i * step_mm, -i * step_mm):
-                    np.multiply(self._swing, away_mm, out=self._trial)
-                    np.add(self._trial, self._origin, out=self._trial)
-                    best = self._try(self._trial, left, right, best)
-                if best >= enough:
-                    break
-        self._before[:] = self._origin
-        self._share = best
-        now[:] = self._best
-
-    def _try(self, trial: FloatArray, left: Image, right: Image, best: float) -> float:
-        """Share of the lines that confirm a place of the surface, or the best so far; the better place is kept."""
-        self.surface.unknowns[:] = trial
-        step = self._tried_step
-        self._meet(left, right, step, FEW)
-        self._expect()
-        self._both(self._look, left, right, step)
-        share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
-        if share > best:
-            self._best[:] = self.surface.unknowns
-            return float(share)
-        return best
-
-    def _meet(self, left: Image, right: Image, step: int, unknowns: int) -> None:
-        """Look at every step-th cell's lines, and move so many unknowns of the surface to meet them."""
-        self._expect()
-        self._both(self._look, left, right, step)
-        settle(self.surface, self.eyes, self.sightings, unknowns, self._normal)
-
-    def _both(self, work: Callable[[int, Image, int], None], left: Image, right: Image, step: int = 1) -> None:
-        other = self._second.submit(work, 1, right, step)
-        work(0, left, step)
-        other.result()
-
-    def _look(self, eye: int, image: Image, step: int) -> None:
-        sign = 1.0 if self.grid.dark else -1.0
-        look(
-            image,
-            self.eyes,
-            eye,
-            self.expected_px[eye],
-            self.wanted,
-            self.line_ratio,
-            self.bordering,
-            sign,
-            step,
-            self.sightings,
-        )
-
-    def _measure(self, eye: int, image: Image, step: int) -> None:
+    def _measure(self, eye: int, image: Image) -> None:
         blur = float(self.blur_px[eye])
         tabulate_step(blur, self._steps[eye])
         whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
@@ -280,7 +185,7 @@ class Tracker:
             self.bordering,
             self.width_scale[eye],
             self.grid.dark,
-            step * self.options.stride,
+            self.options.stride,
             self._scratch[eye],
             self.cells[eye],
         )

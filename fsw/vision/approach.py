@@ -1,0 +1,149 @@
+"""From one frame to the next: both eyes look for lines, and the surface goes where they confirm it."""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from fsw.vision.bridging import (
+    AS_BEFORE,
+    CONFIRMED,
+    LOOKED_CELLS,
+    MOST_STEPS,
+    NEAR_PX,
+    SWING_MM,
+    TRIED_CELLS,
+    confirmed,
+    swing,
+    swing_step_mm,
+)
+from fsw.vision.edges import FloatArray, Image
+from fsw.vision.grid import CellGrid, line_ratios
+from fsw.vision.prediction import FEW, UNKNOWNS, Normal, Surface, expect
+from fsw.vision.rig import Eyes
+from fsw.vision.search import look, make_sightings, settle
+
+
+class Approach:
+    """Where the cells are expected, and how the surface is brought there; one thread for each eye.
+
+    expected_px (2, N, 4, 2), expected_centre_px (2, N, 2): ideal pixels. in_view (2, N). wanted (N,): cells whose
+    centres both eyes should see. deviation_px (2, N, 4, 2): of the measured corners from the surface, last tick.
+    """
+
+    def __init__(self, grid: CellGrid, eyes: Eyes, surface: Surface, normal: Normal) -> None:
+        count = grid.count
+        self.expected_px = np.zeros((2, count, 4, 2))
+        self.expected_centre_px = np.zeros((2, count, 2))
+        self.in_view = np.zeros((2, count), dtype=np.bool_)
+        self.wanted = np.zeros(count, dtype=np.bool_)
+        self.deviation_px = np.zeros((2, count, 4, 2))
+        self.surface, self.eyes, self._normal = surface, eyes, normal
+        self.line_ratio, self.bordering = line_ratios(grid), np.ascontiguousarray(grid.neighbour < 0)
+        self.sightings = make_sightings(count)
+        self._sign = 1.0 if grid.dark else -1.0
+        self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
+        self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+        self._share = 1.0  # of the lines, by which the last frame confirmed the surface
+        self._swing, self._tried_step = swing(), max(1, count // TRIED_CELLS)
+        self._looked_step = max(1, count // LOOKED_CELLS)
+        self._second = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right-eye")
+
+    def forget(self) -> None:
+        """Take the surface as it is, without a history."""
+        self._before[:] = 0.0
+        self._share = 1.0
+        self.deviation_px[:] = 0.0
+
+    def adopt(self, other: "Approach") -> None:
+        """Take over another one's history, as if the surface had stood still."""
+        self._before[:] = other.surface.unknowns
+        self._share = other._share
+        self.deviation_px[:] = other.deviation_px
+
+    def close(self) -> None:
+        """End the thread of the right eye."""
+        self._second.shutdown()
+
+    def both_eyes(self, work: Callable[[int, Image], None], left: Image, right: Image) -> None:
+        """Do the same work for both eyes, each on its thread."""
+        other = self._second.submit(work, 1, right)
+        work(0, left)
+        other.result()
+
+    def bridge(self, left: Image, right: Image) -> None:
+        """Bring the surface to where the lines confirm it, from the place before; unconfirmed, to the best found."""
+        now = self.surface.unknowns
+        self._origin[:] = now
+        enough = max(CONFIRMED, AS_BEFORE * self._share)
+        best = self._try(now, left, right, -1.0, NEAR_PX)
+        if best < enough:
+            now[:] = self._origin
+            best = self._try(now, left, right, best)
+        if best < enough:
+            np.multiply(self._origin, 2.0, out=self._trial)
+            np.subtract(self._trial, self._before, out=self._trial)
+            best = self._try(self._trial, left, right, best)
+        if best < enough:
+            now[:] = self._origin
+            self._expect()
+            step_mm = swing_step_mm(self.surface, self.eyes, self.expected_px, self.wanted, self._swing)
+            steps = int(min(SWING_MM / step_mm, MOST_STEPS)) if step_mm > 0.0 else 0
+            for i in range(1, steps + 1):
+                for away_mm in (i * step_mm, -i * step_mm):
+                    np.multiply(self._swing, away_mm, out=self._trial)
+                    np.add(self._trial, self._origin, out=self._trial)
+                    best = self._try(self._trial, left, right, best)
+                if best >= enough:
+                    break
+        self._before[:] = self._origin
+        self._share = best
+        now[:] = self._best
+        # What the few unknowns of the trials cannot follow, all of them do, now that every line is the right one.
+        self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX)
+        self._expect()
+
+    def _try(self, trial: FloatArray, left: Image, right: Image, best: float, within_px: float = math.inf) -> float:
+        """Share of the lines that confirm a place of the surface, or the best so far; the better place is kept."""
+        self.surface.unknowns[:] = trial
+        step = self._tried_step
+        self._meet(left, right, step, FEW, within_px)
+        self._expect(step)
+        self._look_both(left, right, step, NEAR_PX)
+        share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
+        if share > best:
+            self._best[:] = self.surface.unknowns
+            return float(share)
+        return best
+
+    def _meet(self, left: Image, right: Image, step: int, unknowns: int, within_px: float = math.inf) -> None:
+        """Look at every step-th cell's lines, and move so many unknowns of the surface to meet them."""
+        self._expect(step)
+        self._look_both(left, right, step, within_px)
+        settle(self.surface, self.eyes, self.sightings, unknowns, self._normal)
+
+    def _expect(self, step: int = 1) -> None:
+        expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view, step)
+        np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
+        np.add(self.expected_px, self.deviation_px, out=self.expected_px)
+
+    def _look_both(self, left: Image, right: Image, step: int, within_px: float) -> None:
+        other = self._second.submit(self._look, 1, right, step, within_px)
+        self._look(0, left, step, within_px)
+        other.result()
+
+    def _look(self, eye: int, image: Image, step: int, within_px: float) -> None:
+        look(
+            image,
+            self.eyes,
+            eye,
+            self.expected_px[eye],
+            self.wanted,
+            self.line_ratio,
+            self.bordering,
+            self._sign,
+            step,
+            within_px,
+            self.sightings,
+        )
