@@ -8,7 +8,7 @@ import typer
 
 from sim.bench.table import Row
 from sim.bench.vision_disturbed import DISTURBANCES
-from sim.bench.vision_learned import aliked_lightglue, missing
+from sim.bench.vision_learned import aliked_lightglue, obstacle
 from sim.bench.vision_matchers import Matcher, orb, ours, paper_literal, sift
 from sim.bench.vision_methods import methods, paper_scene, printed, sequence_scene
 from sim.bench.vision_motion import motion, motions
@@ -66,9 +66,9 @@ def _matchers() -> dict[str, Callable[[Stand], Matcher]]:
         "SIFT": lambda stand: sift,
         "ORB": lambda stand: orb,
     }
-    absent = missing()
-    if absent:
-        typer.echo(f"ALIKED + LightGlue left out: {', '.join(absent)} not installed (docs/bench_vision.md)", err=True)
+    why = obstacle()
+    if why:
+        typer.echo(f"ALIKED + LightGlue left out: {why} (docs/bench_vision.md)", err=True)
     else:
         found["ALIKED + LightGlue"] = lambda stand: aliked_lightglue()
     return found

@@ -32,7 +32,8 @@ FloatArray = NDArray[np.float64]
 PIXEL_VARIANCE_PX2 = 1.0 / 12.0  # of the average over a square pixel, along any direction
 ROUNDING_VARIANCE = 1.0 / 12.0  # of a whole grey value
 _REACH = 6.0  # sigmas beyond the outer edges, where levels alone are seen
-_NODES = 400
+_LEVEL = 3.0  # line widths of pixels that tell a level
+_STEP_SIGMAS = 1.0 / 16.0  # of the integral
 _STEP_MM = 1e-3
 
 
@@ -47,8 +48,9 @@ def offset_information(
     inside, line, beyond = levels
     single = beyond == line
     reach = _REACH * sigma_px
-    # The levels' own pixels: half a line's width inside, and as much beyond, is what no other side uses.
-    x = np.linspace(-reach - width_px, reach + (0.0 if single else width_px) + width_px, _NODES)
+    # Cells and borders are many line widths across: their own pixels tell their levels.
+    end = reach + (1.0 - single + _LEVEL) * width_px
+    x = np.arange(-reach - _LEVEL * width_px, end, _STEP_SIGMAS * sigma_px)
     first, second = ndtr(x / sigma_px), ndtr((x - width_px) / sigma_px)
     bell = np.exp(-0.5 * (x / sigma_px) ** 2) / (sigma_px * np.sqrt(2.0 * np.pi))
     later = np.exp(-0.5 * ((x - width_px) / sigma_px) ** 2) / (sigma_px * np.sqrt(2.0 * np.pi))

