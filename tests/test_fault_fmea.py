@@ -124,3 +124,10 @@ def test_the_page_shows_every_failure_and_every_limit_in_a_row() -> None:
     assert rows[1].endswith("| pair dropped and counted |  |")
     headings = [line for line in lines if line.startswith("#")]
     assert headings == ["# Failures and limits", "## Failures", "## Limits as shipped"]
+
+
+@pytest.mark.requirement("WB-FLT-12")
+def test_a_failure_that_looks_like_another_one_is_found_by_either_event() -> None:
+    jump, double = FAULT_BY_NAME["clock_jump"], FAULT_BY_NAME["trigger_double"]
+    assert jump.detected_in(events.CLOCK_JUMP.number, (20.0,)) and jump.detected_in(events.TRIGGER_GAP.number, (1.0,))
+    assert not double.detected_in(events.TRIGGER_GAP.number, (1.0,))
