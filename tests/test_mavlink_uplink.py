@@ -141,6 +141,17 @@ def test_pieces_beyond_the_announced_table_change_nothing() -> None:
         pieces = MAV.MAVLink_wingbeat_table_data_message(*US, first, count, bytes(range(128)))
         station.hear(station.packed(pieces))
     assert station.digest() == before and station.counts == (1, 3)
+    told = [record.arguments for record in station.events[-3:]]
+    assert [(a[0], a[2], a[3]) for a in told] == [
+        (Command.TABLE_LOAD, CommandResult.BAD_ARGUMENT, chunk) for chunk in (8, 10, 65535)
+    ]  # fmt: skip
+    assert all(math.isnan(a[1]) for a in told)
+    pieces = MAV.MAVLink_wingbeat_table_data_message(*US, 0, 0, bytes(128))
+    station.hear(station.packed(pieces))
+    assert station.events[-1].arguments[3] == 0
+    pieces = MAV.MAVLink_wingbeat_table_data_message(*US, 2, 3, bytes(range(128)))
+    station.hear(station.packed(pieces))
+    assert station.bank.upload.content == bytes(8) + bytes(range(12)) + bytes(20) and station.counts == (2, 4)
 
 
 @pytest.mark.requirement("WB-CMD-11")
@@ -186,6 +197,7 @@ def test_all_parameters_can_be_listed_a_few_a_tick_and_are_the_tables_numbers() 
         assert message.param_value == np.float32(getattr(part, parameter.field))
     assert len(INDEX_BY_NAME) == len(PARAMETERS), "two parameters have one name"
     assert station.counts == (1, 0) and station.names == ["PARAMETERS_READ"]
+    assert math.isnan(station.events[0].arguments[0])
 
 
 @pytest.mark.requirement("WB-CMD-12")
@@ -194,9 +206,13 @@ def test_a_parameter_is_read_by_name_or_place() -> None:
     for name, place in (("V_LEAST_CELLS", -1), ("", INDEX_BY_NAME["V_LEAST_CELLS"])):
         (value,) = station.hear(station.packed(MAV.MAVLink_param_request_read_message(*US, name.encode(), place)))
         assert (value.param_id, value.param_value) == ("V_LEAST_CELLS", station.bank.flight.vision.least_cells)
+        assert (station.names[-1], station.events[-1].arguments[0]) == ("PARAMETERS_READ", value.param_index)
     for name, place in (("NO_SUCH", -1), ("", len(PARAMETERS)), ("", -2)):
         (error,) = station.hear(station.packed(MAV.MAVLink_param_request_read_message(*US, name.encode(), place)))
         assert (error.get_type(), error.error) == ("PARAM_ERROR", MAV.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+        assert (error.param_id, error.param_index, error.target_system) == (name, place, 250)
+        index, value, fault = station.events[-1].arguments[:3]
+        assert (index == place or math.isnan(index)) and math.isnan(value) and fault == TableFault.NO_SUCH_PARAMETER
     assert station.counts == (2, 3)
 
 
