@@ -141,6 +141,14 @@ class Identify:
         start = last_break((time_ns[first:] - time_ns[first]) * 1e-9, recent.reshape(len(recent), -1), poles)
         return first + start if start else 0
 
+    @property
+    def _settled(self) -> bool:
+        """Whether the record is full since the last break. Until then what goes on shaking the wing biases all
+        estimates alike: only what was valid before the break confirms a mode, and nothing takes its place.
+        """
+        samples = self._result.record.samples if self._result is not None else 0
+        return self._since_ns == LONG_AGO_NS or samples >= self._table.history_ticks
+
     def _with_clock(self, mode: Mode) -> Mode:
         """The same mode, no surer of its frequency than the clock that times the frames."""
         clock_hz = self._table.clock_tolerance_ppm * 1e-6 * mode.frequency_hz
@@ -154,8 +162,10 @@ class Identify:
         if self._result is None:
             return
         before = state.estimate
-        modes = confirmed(self._result.modes, [*(before.result.modes if before else []), *self._known])
-        self._known = [mode for mode in modes if mode.valid] or self._known
+        witnesses = before.result.modes if before is not None and self._settled else []
+        modes = confirmed(self._result.modes, [*witnesses, *self._known])
+        if self._settled:
+            self._known = [mode for mode in modes if mode.valid] or self._known
         state.estimate = Estimate(replace(self._result, modes=modes), self._cells, self._tick, self._taken_ns)
         state.new_estimate = True
         show(state, state.estimate, before)
