@@ -5,7 +5,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -17,7 +17,8 @@ from test_commands import TOML, Ground
 from fsw.commands.ground_link import AGAIN_TICKS
 from fsw.commands.replies import LISTED_A_TICK
 from fsw.commands.replies import PLACES as PLACES_OF_ANSWERS
-from fsw.tables.parameters import INDEX_BY_NAME, LONGEST_NAME, PARAMETERS, parameter_value
+from fsw.tables.flight import ExecutiveTable, IdentifyTable, VisionTable
+from fsw.tables.parameters import INDEX_BY_NAME, LONGEST_NAME, PARAMETERS, find_parameters, parameter_value
 from fsw.tasks.command import A_TICK, CommandTask
 from fsw.tasks.publish import Outlets
 from sim.lines import MemoryLink
@@ -201,7 +202,27 @@ def test_all_parameters_can_be_listed_a_few_a_tick_and_are_the_tables_numbers() 
 
 
 @pytest.mark.requirement("WB-CMD-12")
+def test_parameters_are_the_numbers_of_the_tables_in_their_order() -> None:
+    assert find_parameters() == PARAMETERS
+    kinds = {
+        TableNumber.VISION: VisionTable,
+        TableNumber.IDENTIFY: IdentifyTable,
+        TableNumber.EXECUTIVE: ExecutiveTable,
+    }
+    expected = [
+        (f"{number.name[0]}_{name.upper()}"[:16], number, name, kind is int)
+        for number, table in kinds.items()
+        for name, kind in get_type_hints(table).items()
+        if kind in (int, float)
+    ]
+    assert [tuple(parameter) for parameter in find_parameters()] == expected
+
+
+@pytest.mark.requirement("WB-CMD-12")
 def test_a_parameter_is_read_by_name_or_place() -> None:
+    station = Station()
+    (first,) = station.hear(station.packed(MAV.MAVLink_param_request_read_message(*US, b"", 0)))
+    assert first.param_id == PARAMETERS[0].name
     station = Station()
     for name, place in (("V_LEAST_CELLS", -1), ("", INDEX_BY_NAME["V_LEAST_CELLS"])):
         (value,) = station.hear(station.packed(MAV.MAVLink_param_request_read_message(*US, name.encode(), place)))

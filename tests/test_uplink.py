@@ -1,6 +1,7 @@
 """The ground's side: names to frames that the flight side takes, and refusals that help."""
 
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -51,17 +52,43 @@ def test_an_upload_arrives_as_the_file_it_was(tmp_path: Path) -> None:
     assert bank.stores[TableNumber.VISION].loaded is not None
 
 
+def refusal(make: Callable[[], object]) -> tuple[str, str, str]:
+    """What, where and remedy of the refusal."""
+    with pytest.raises(InputError) as caught:
+        make()
+    return caught.value.what, caught.value.where, caught.value.remedy
+
+
 @pytest.mark.requirement("WB-CMD-10")
 def test_refusals_name_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="did you mean RESTART"):
-        request_of("restrat")
-    with pytest.raises(InputError, match="use TABLE_LOAD"):
-        upload_of("NOOP", "0", tmp_path)
-    with pytest.raises(InputError, match="cannot read"):
-        upload_of("TABLE_LOAD", "VISION", tmp_path / "none.toml")
+    names = ", ".join(command.name for command in Command)
+    hint = f"did you mean RESTART? there are {names}"
+    assert refusal(lambda: request_of("restrat")) == ("no command restrat", "command", hint)
+    assert refusal(lambda: request_of("xyz")) == ("no command xyz", "command", f"there are {names}")
+    assert refusal(lambda: request_of("NOOP", "1", 2)) == ("1, 2", "command NOOP", "selectors: 0; values: 0 to 0")
+    modes = ", ".join(COMMANDS[Command.SET_MODE].selector.values())
+    what = refusal(lambda: request_of("set_mode", "nowhere"))
+    assert what == ("nowhere, 0", "command SET_MODE", f"selectors: {modes}; values: 0 to 0")
+    what = refusal(lambda: upload_of("NOOP", "0", tmp_path))
+    assert what == ("command NOOP takes no file", "--table", "use TABLE_LOAD")
+    path = tmp_path / "none.toml"
+    what = refusal(lambda: upload_of("TABLE_LOAD", "VISION", path))
+    assert what == ("cannot read this file: No such file or directory", str(path), "check its name and rights")
     (tmp_path / "empty.toml").write_bytes(b"")
-    with pytest.raises(InputError, match="1 to 65535"):
-        upload_of("TABLE_LOAD", "VISION", tmp_path / "empty.toml")
+    what = refusal(lambda: upload_of("TABLE_LOAD", "VISION", tmp_path / "empty.toml"))
+    assert what[:2] == ("VISION, 0", "command TABLE_LOAD") and what[2].endswith("values: 1 to 65535")
+
+
+@pytest.mark.requirement("WB-CMD-10")
+def test_frames_are_numbered_from_0_unless_told_otherwise(tmp_path: Path) -> None:
+    requests = [request_of("NOOP"), request_of("RESET_COUNTERS")]
+    assert [frame[1][6] for frame in frames_of(requests)] == [0, 1]
+    assert [frame[1][6] for frame in frames_of(requests, 255)] == [255, 0]
+    (tmp_path / "vision.toml").write_bytes(TOML[:5])
+    frames = upload_of("TABLE_LOAD", "VISION", tmp_path / "vision.toml")
+    assert [frame[1][6] for frame in frames] == [0, 1, 2, 3]
+    pieces = [decode_uplink(*frame) for frame in frames[1:3]]
+    assert pieces == [Piece(0, TOML[:4]), Piece(1, TOML[4:5] + b"\0\0\0")]
 
 
 @pytest.mark.requirement("WB-CMD-10")

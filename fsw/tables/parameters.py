@@ -23,7 +23,8 @@ class Parameter(NamedTuple):
     whole: bool
 
 
-def _parameters() -> tuple[Parameter, ...]:
+def find_parameters() -> tuple[Parameter, ...]:
+    """The numbers of the vision, identify and executive tables, in the tables' order."""
     found = []
     for table, prefix in PREFIXES.items():
         info = msgspec.inspect.type_info(KINDS[table])
@@ -36,7 +37,7 @@ def _parameters() -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-PARAMETERS = _parameters()
+PARAMETERS = find_parameters()
 INDEX_BY_NAME = {parameter.name: index for index, parameter in enumerate(PARAMETERS)}
 
 
