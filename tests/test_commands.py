@@ -88,6 +88,7 @@ class Tasks:
         return task in self.tasks
 
     def diagnostics(self, task: str) -> Diagnostics:
+        assert task in self.tasks
         return Diagnostics(9, 1, 2, 3, 1.5, 1.0, 2.0, 1.6, 0.1, 0.3, tuple(range(16)), tuple(range(16)))
 
 
@@ -178,6 +179,21 @@ def test_each_command_does_what_it_says() -> None:
     assert ground.bank.pending is None
     assert ground.send(Command.ENABLE_LIMIT, 0, 7) == (ACCEPTED, 0)
     assert ground.counts[1] == 0
+    assert ground.events[0].arguments[:3] == (Command.NOOP, 0, 0)
+    told = [record.arguments[:3] for record in ground.events if record.arguments[0] == Command.TABLE_VALIDATE]
+    assert told == [(Command.TABLE_VALIDATE, TableNumber.VISION, zlib.crc32(TOML))]
+
+
+@pytest.mark.requirement("WB-CMD-01")
+def test_a_limit_that_is_switched_off_has_no_response_until_it_is_on_again() -> None:
+    ground = Ground()
+    watch = ground.protection._limits.find(7)
+    assert watch is not None and watch.on
+    ground.send(Command.ARM, Command.DISABLE_LIMIT, 7)
+    ground.send(Command.FIRE, Command.DISABLE_LIMIT, 7)
+    assert not watch.on and ground.task.desk.armed is None
+    ground.send(Command.ENABLE_LIMIT, 0, 7)
+    assert watch.on is True
 
 
 @pytest.mark.requirement("WB-CMD-02")
@@ -224,12 +240,13 @@ MODES: dict[str, dict[FlightMode, Cause | CommandResult]] = {
 @pytest.mark.parametrize("wanted", MODES)
 def test_a_mode_is_commanded_only_where_the_mode_machine_follows(wanted: str, mode: FlightMode) -> None:
     ground = Ground(mode)
+    ground.state.causes = Cause.LOCK_LOST  # something else that happens in the same tick
     result, detail = ground.send(Command.SET_MODE, FlightMode[wanted])
     cause = MODES[wanted].get(mode)
     if cause is None:
-        assert (result, detail, ground.state.causes) == (CommandResult.WRONG_MODE, mode, Cause(0))
+        assert (result, detail, ground.state.causes) == (CommandResult.WRONG_MODE, mode, Cause.LOCK_LOST)
     else:
-        assert (result, detail, ground.state.causes) == (ACCEPTED, 0, cause)
+        assert (result, detail, ground.state.causes) == (ACCEPTED, 0, cause | Cause.LOCK_LOST)
 
 
 @pytest.mark.requirement("WB-CMD-04")
