@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.modal.breaks import last_break
 from fsw.modal.pipeline import identify
-from fsw.tasks.identify import UNCONFIRMED, confirmed, pole_of
+from fsw.tasks.identify import UNCONFIRMED, cells_to_use, confirmed, pole_of
 
 FloatArray = NDArray[np.float64]
 RATE_HZ = 15.0
@@ -96,3 +96,14 @@ def test_a_mode_is_confirmed_by_one_that_was_found_before() -> None:
     assert confirmed(modes, once) == modes, "what was flagged for nothing but this confirms as well"
     for mode, pole in zip(modes, POLES, strict=True):
         assert abs(pole_of(mode) - pole) < 1e-3 * abs(pole)
+
+
+@pytest.mark.requirement("WB-MOD-03")
+def test_cells_hidden_for_long_are_left_out_while_enough_were_not() -> None:
+    measured = np.ones((200, 10), bool)
+    measured[50:66, 6:] = False  # 16 ticks: long, though seen in 92 % of all
+    measured[100:115, 0] = False
+    measured[::2, 1] = False  # seen in half
+    assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5]
+    measured[50:66, 3:] = False  # only two of nine are whole
+    assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5, 6, 7, 8, 9]

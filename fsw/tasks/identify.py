@@ -38,6 +38,8 @@ from wingbeat.errors import InputError
 NAN = float("nan")
 LONG_AGO_NS = -(1 << 62)
 LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to take part
+LONG_GAP_TICKS = 15  # a cell hidden for longer is left out, if enough cells were not
+LEAST_WHOLE = 0.3  # share of the cells that are enough
 LOOK_BACK_TICKS = 90  # newest samples that are searched for a break of the motion
 SAME_FREQUENCY = 0.005  # share by which a mode's frequency may differ from one estimate to the next
 UNCONFIRMED = "unconfirmed"  # flag of a mode that was not found before
@@ -122,7 +124,7 @@ class Identify:
             if len(time_ns) < self._table.least_ticks:
                 extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
                 return ModalResult([], ["short_record"], extent, "decay")
-        self._cells = np.flatnonzero(np.isfinite(xyz[:, :, 0]).mean(axis=0) >= LEAST_SHARE)
+        self._cells = cells_to_use(np.isfinite(xyz[:, :, 0]))
         if len(self._cells) == 0:
             return None
         y = xyz[:, self._cells].reshape(len(xyz), -1)
@@ -169,6 +171,19 @@ class Identify:
         state.estimate = Estimate(replace(self._result, modes=modes), self._cells, self._tick, self._taken_ns)
         state.new_estimate = True
         show(state, state.estimate, before)
+
+
+def cells_to_use(measured: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Cells that take part, of what was measured (ticks, cells): those seen in most ticks and, while they are enough,
+    never hidden for long. A long gap is filled from the other cells, and worst where all of one end was hidden.
+    """
+    often = measured.mean(axis=0) >= LEAST_SHARE
+    gap, longest = np.zeros(measured.shape[1], np.int64), np.zeros(measured.shape[1], np.int64)
+    for row in measured:
+        gap = np.where(row, 0, gap + 1)
+        np.maximum(longest, gap, out=longest)
+    whole = often & (longest <= LONG_GAP_TICKS)
+    return np.flatnonzero(whole if whole.sum() >= LEAST_WHOLE * often.sum() else often)
 
 
 def pole_of(mode: Mode) -> complex:
