@@ -45,17 +45,17 @@ class Desk:
 
     def accept(self, request: Request) -> None:
         """Count and tell a command that was carried out."""
-        self._state.board.add(COMMANDS_ACCEPTED)
+        self.count(accepted=True)
         self._state.raise_event(COMMAND_ACCEPTED, request.number, request.selector, request.value)
 
     def reject(self, number: float, selector: float, answer: Answer) -> None:
         """Count and tell what was refused; NaN: not known."""
-        self._state.board.add(COMMANDS_REJECTED)
+        self.count(accepted=False)
         self._state.raise_event(COMMAND_REJECTED, number, selector, answer.result, answer.detail)
 
-    def count_piece(self) -> None:
-        """Count a piece of a table that fits; it has no event of its own, TABLE_VALIDATE answers for all of them."""
-        self._state.board.add(COMMANDS_ACCEPTED)
+    def count(self, accepted: bool) -> None:
+        """Count what is told otherwise: parameters by events of their own, pieces of a table by TABLE_VALIDATE."""
+        self._state.board.add(COMMANDS_ACCEPTED if accepted else COMMANDS_REJECTED)
 
     def _arm(self, request: Request, tick: int) -> Answer:
         """Only what is dangerous can be armed, and only as it could be fired."""

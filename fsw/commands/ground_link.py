@@ -11,7 +11,7 @@ from fsw.tables.parameters import INDEX_BY_NAME, PARAMETERS, parameter_value, se
 from fsw.tasks.state import State
 from hal.link import Link
 from telemetry.commands import Command, Request
-from telemetry.dictionary import COMMANDS_ACCEPTED, COMMANDS_REJECTED, CommandResult, TableFault
+from telemetry.dictionary import CommandResult, TableFault
 from telemetry.events import PARAMETER_REFUSED, PARAMETER_SET, PARAMETERS_READ
 from telemetry.mavlink_uplink import (
     CommandAck,
@@ -106,7 +106,7 @@ class GroundLink:
         if pieces and upload.expects(pieces[0].chunk) and upload.expects(pieces[-1].chunk):
             for piece in pieces:
                 upload.put(piece.chunk, piece.data)
-            self._desk.count_piece()
+            self._desk.count(accepted=True)
         else:
             chunk = pieces[0].chunk if pieces else 0
             self._desk.reject(Command.TABLE_LOAD, NAN, Answer(CommandResult.BAD_ARGUMENT, chunk))
@@ -118,7 +118,7 @@ class GroundLink:
             return
         fault = set_parameter(self._bank, index, asked.value)
         if fault is TableFault.NONE:
-            self._state.board.add(COMMANDS_ACCEPTED)
+            self._desk.count(accepted=True)
             self._state.raise_event(PARAMETER_SET, index, asked.value)
         else:
             self._refuse(asked.name, index, asked.value, fault, asked)
@@ -129,19 +129,19 @@ class GroundLink:
         if not 0 <= index < len(PARAMETERS):
             self._refuse(asked.name, asked.place, NAN, TableFault.NO_SUCH_PARAMETER, asked)
             return
-        self._state.board.add(COMMANDS_ACCEPTED)
+        self._desk.count(accepted=True)
         self._state.raise_event(PARAMETERS_READ, index)
         self._show(index)
 
     def _list(self) -> None:
-        self._state.board.add(COMMANDS_ACCEPTED)
+        self._desk.count(accepted=True)
         self._state.raise_event(PARAMETERS_READ, NAN)
         self._replies.show_all(map(self._value, range(len(PARAMETERS))))
 
     def _refuse(
         self, name: str, index: int, value: float, fault: TableFault, asked: ParameterSet | ParameterRead
     ) -> None:
-        self._state.board.add(COMMANDS_REJECTED)
+        self._desk.count(accepted=False)
         self._state.raise_event(PARAMETER_REFUSED, index if index >= 0 else NAN, value, fault)
         self._replies.answer(ParameterError(name, index, fault, asked.sender))
 

@@ -73,7 +73,7 @@ class CommandTask:
 
     def _piece(self, piece: Piece) -> None:
         if self._bank.upload.put(piece.chunk, piece.data):
-            self.desk.count_piece()
+            self.desk.count(accepted=True)
         else:
             self._reject(Command.TABLE_LOAD, NAN, NAN, Answer(CommandResult.BAD_ARGUMENT, piece.chunk))
 
