@@ -1,8 +1,6 @@
 """The composition root: tables -> pools -> tasks -> schedule. The only place that knows everybody."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -13,40 +11,30 @@ from fault.protection import Protection
 from fsw.black_box import BlackBox
 from fsw.commands.handlers import Handlers
 from fsw.commands.replies import Replies
-from fsw.executive.entry import Entry, FrameTask, LongTask
+from fsw.executive.entry import FrameTask, LongTask
 from fsw.executive.executive import Executive
 from fsw.executive.lock import TriggerLock
 from fsw.executive.schedule import Finding, check_schedule
 from fsw.geometry import make_prior, make_rig, make_wing_grid
 from fsw.memory.pool import FramePool
 from fsw.memory.ring import Ring
+from fsw.parts import Drivers, MakeVision, Tables, make_vision
 from fsw.supervisor import Start
 from fsw.tables.bank import TableBank
-from fsw.tables.flight import FlightTable, TaskSlot, VisionTable
-from fsw.tables.schema import CamerasTable, WingTable
+from fsw.tables.flight import TaskSlot
 from fsw.tasks.acquire import Acquire
 from fsw.tasks.black_box import WriteBlackBox
 from fsw.tasks.command import CommandTask
 from fsw.tasks.event_queue import EventQueue
-from fsw.tasks.feature import Feature
 from fsw.tasks.health import Health
 from fsw.tasks.housekeeping import Housekeeping
 from fsw.tasks.identify import Identify
 from fsw.tasks.lateness import Lateness
-from fsw.tasks.match import Match
 from fsw.tasks.protect import Protect
-from fsw.tasks.publish import Outlets, Publish
-from fsw.tasks.reconstruct import Reconstruct
+from fsw.tasks.publish import Publish
 from fsw.tasks.search import Search
 from fsw.tasks.state import Pair, State
-from fsw.vision.acquisition import Prior
-from fsw.vision.rig import StereoRig
 from fsw.vision.tracking import Tracker, TrackingOptions
-from hal.camera import Camera
-from hal.clock import Clock
-from hal.store import Store
-from hal.trigger import Trigger
-from hal.watchdog import Unwatched, Watchdog
 from telemetry.dictionary import RESTARTS
 from telemetry.events import RESTARTED, RESTARTS_SPENT, STARTED, STOPPED, RestartCause, TableNumber
 from wingbeat.errors import InputError
@@ -56,47 +44,6 @@ REQUIRED = (
     "command", "acquire", "search", "feature", "match", "reconstruct", "identify", "health", "housekeeping", "protect",
     "publish",
 )  # fmt: skip
-
-
-class MakeVision(Protocol):
-    """Makes the tasks search, feature, match and reconstruct over the shared state."""
-
-    def __call__(
-        self, state: State, rig: StereoRig, prior: Prior, table: VisionTable
-    ) -> Sequence[FrameTask | LongTask]: ...
-
-
-def make_vision(state: State, rig: StereoRig, prior: Prior, table: VisionTable) -> Sequence[FrameTask | LongTask]:
-    """The tasks from images to points."""
-    return Search(state, rig, prior, table), Feature(state, table), Match(state, table), Reconstruct(state, table)
-
-
-@dataclass(frozen=True)
-class Tables:
-    """All that configures a flight. cameras and wing have been checked against each other (load_hardware)."""
-
-    cameras: CamerasTable
-    wing: WingTable
-    flight: FlightTable
-
-
-@dataclass(frozen=True)
-class Drivers:
-    """The hardware behind its interfaces.
-
-    rate_hz: nominal rate of the trigger. raw_line: the trigger is a line whose edges may be missing, doubled or off
-    their time; otherwise its ticks are established. patience: how long to wait for a long task (see Executive).
-    """
-
-    cameras: tuple[Camera, Camera]
-    trigger: Trigger
-    clock: Clock
-    rate_hz: float
-    outlets: Outlets = field(default_factory=Outlets)
-    raw_line: bool = False
-    watchdog: Watchdog = field(default_factory=Unwatched)
-    store: Store | None = None
-    patience: Callable[[Entry], bool] | None = None
 
 
 class App:

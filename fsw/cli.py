@@ -10,12 +10,12 @@ import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
-from fsw.app import Drivers, Tables
 from fsw.black_box_replay import DECISIONS, replay_black_box
 from fsw.channels import read_channels, read_shapes
 from fsw.modal.indicators import nearest_shape
 from fsw.modal.pipeline import identify as identify_modes
 from fsw.modal.result import ModalResult, Options, to_contract
+from fsw.parts import Drivers, Tables
 from fsw.run import SUMMARY, as_json, fly, run_folder
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.app import App, Drivers, MakeVision, Tables, make_vision
+from fsw.app import App
 from fsw.geometry import make_wing_grid
 from fsw.modal.result import to_contract
+from fsw.parts import Drivers, MakeVision, Tables, make_vision
 from fsw.run_log import POINTS, RunLog
 from fsw.supervisor import Start, Supervisor
 from fsw.tasks.acquire import DROPS

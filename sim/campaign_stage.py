@@ -4,7 +4,8 @@ from pathlib import Path
 
 import msgspec
 
-from fsw.app import App, Drivers, MakeVision, Tables, make_vision
+from fsw.app import App
+from fsw.parts import Drivers, MakeVision, Tables, make_vision
 from fsw.supervisor import Supervisor
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import FlightTable, load_flight

@@ -10,8 +10,8 @@ from typing import Annotated
 import msgspec
 import typer
 
-from fsw.app import Drivers, Tables
 from fsw.geometry import make_wing_grid
+from fsw.parts import Drivers, Tables
 from fsw.run import SUMMARY, as_json, fly, run_folder
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import load_flight

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fault.modes import Cause
-from fsw.app import MakeVision
 from fsw.executive.entry import FrameTask, LongTask
+from fsw.parts import MakeVision
 from fsw.tables.flight import VisionTable
 from fsw.tasks.feature import Feature
 from fsw.tasks.reconstruct import Reconstruct

@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.app import App, Drivers, Tables
+from fsw.app import App
+from fsw.parts import Drivers, Tables
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import FlightTable, load_flight
 from fsw.tasks.publish import Outlets
