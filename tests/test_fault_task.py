@@ -8,6 +8,7 @@ from fault.limits import Limit
 from fault.modes import Cause
 from fault.protection import Protection
 from fsw.black_box import BlackBox
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
 from fsw.modal.result import ModalResult, Mode, Record
 from fsw.tasks.identify import frequency_jump, show
@@ -27,7 +28,7 @@ def estimate(tick: int, *modes: Mode) -> Estimate:
 
 def blank_state() -> State:
     image = np.zeros((4, 4), np.uint8)
-    state = State(None, Pair(image, image), Ring(4, (), np.int64), Ring(4, (1, 3)))  # type: ignore[arg-type]
+    state = State(None, Pair(image, image), Ring(4, (), np.int64), Displacements(4, 1))  # type: ignore[arg-type]
     for point, value in GOOD.items():
         state.board.set(point, value)
     return state

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fault.modes import measures
 from fsw.modal.breaks import last_break
+from fsw.modal.channels import Channels, chosen
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult, Mode, Options, Record
 from fsw.tables.flight import IdentifyTable
@@ -56,7 +57,7 @@ class Identify:
         count = state.tracker.grid.count
         self._time_ns = np.zeros(table.history_ticks, np.int64)
         self._time_s: NDArray[np.float64] = np.zeros(table.history_ticks)
-        self._xyz_mm = np.zeros((table.history_ticks, count, 3))
+        self._xyz_mm = np.zeros((table.history_ticks, count, 3), np.float32)
         self._samples = self._tick = self._taken_ns = 0
         self._result: ModalResult | None = None
         self._failed = False
@@ -97,8 +98,8 @@ class Identify:
         self._samples = min(len(state.history_time_ns), self._table.history_ticks)
         if self._samples < self._table.least_ticks:
             return False
-        np.copyto(self._time_ns[: self._samples], state.history_time_ns.latest(self._samples))
-        np.copyto(self._xyz_mm[: self._samples], state.history_xyz_mm.latest(self._samples))
+        state.history_time_ns.copy_latest(self._time_ns[: self._samples])
+        state.history_mm.copy_latest(self._xyz_mm[: self._samples])
         self._tick, self._taken_ns = tick, state.time_ns
         return True
 
@@ -117,31 +118,36 @@ class Identify:
         ticks = np.isfinite(xyz[:, :, 0]).any(axis=1) & (time_ns >= self._since_ns)
         if np.count_nonzero(ticks) < self._table.least_ticks:
             return None
-        time_ns, xyz = time_ns[ticks], xyz[ticks]
-        if start := self._break(time_ns, xyz):
-            time_ns, xyz = time_ns[start:], xyz[start:]
-            self._since_ns = int(time_ns[0])
-            if len(time_ns) < self._table.least_ticks:
-                extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
-                return ModalResult([], ["short_record"], extent, "decay")
-        self._cells = cells_to_use(np.isfinite(xyz[:, :, 0]))
+        if start := self._break(time_ns, xyz, np.flatnonzero(ticks)):
+            ticks[:start] = False
+            self._since_ns = int(time_ns[start])
+        time_ns = time_ns[ticks]
+        if start and len(time_ns) < self._table.least_ticks:
+            extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
+            return ModalResult([], ["short_record"], extent, "decay")
+        self._cells = cells_to_use(np.isfinite(xyz[ticks, :, 0]))
         if len(self._cells) == 0:
             return None
-        y = xyz[:, self._cells].reshape(len(xyz), -1)
-        time_s = self._time_s[: len(xyz)]
+        channels = np.repeat(np.isin(np.arange(xyz.shape[1]), self._cells), xyz.shape[2])
+        # The copy is used up: nothing of the size of the record is made beside it.
+        y = chosen(xyz.reshape(len(xyz), -1), ticks, channels, overwrite=True)
+        time_s = self._time_s[: len(y)]
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
-        result = identify(time_s, y, self._table.kind, self._options)
+        result = identify(time_s, y, self._table.kind, self._options, overwrite=True)
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
 
-    def _break(self, time_ns: NDArray[np.int64], xyz: NDArray[np.float64]) -> int:
-        """Index of the first sample after a break of the motion, by what is known of it; 0 if there is none."""
+    def _break(self, time_ns: NDArray[np.int64], xyz: Channels, measured: NDArray[np.int64]) -> int:
+        """Index of the first sample after a break of the motion, by what is known of it; 0 if there is none.
+
+        measured: indices of the samples that count.
+        """
         if not self._known:
             return 0
         poles = [pole_of(mode) for mode in self._known]
-        first = max(len(time_ns) - LOOK_BACK_TICKS, 0)
-        recent = xyz[first:]
-        start = last_break((time_ns[first:] - time_ns[first]) * 1e-9, recent.reshape(len(recent), -1), poles)
-        return first + start if start else 0
+        newest = measured[-LOOK_BACK_TICKS:]
+        recent = xyz[newest].reshape(len(newest), -1)
+        start = last_break((time_ns[newest] - time_ns[newest[0]]) * 1e-9, recent, poles)
+        return int(newest[start]) if start else 0
 
     @property
     def _settled(self) -> bool:

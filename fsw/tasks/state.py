@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fault.modes import Cause
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
 from fsw.modal.result import ModalResult
 from fsw.tasks.event_queue import EventQueue
@@ -46,7 +47,7 @@ class State:
     tracker: Tracker
     pair: Pair
     history_time_ns: Ring  # (ticks,)
-    history_xyz_mm: Ring  # (ticks, N, 3), NaN where a cell was not measured
+    history_mm: Displacements  # (ticks, N, 3), NaN where a cell was not measured
     board: Board = field(default_factory=Board)
     tick: int = 0
     time_ns: int = 0
@@ -70,7 +71,7 @@ class State:
         """Forget the displacements: what comes now does not belong to them."""
         count = len(self.history_time_ns)
         self.history_time_ns.clear()
-        self.history_xyz_mm.clear()
+        self.history_mm.clear()
         if count:
             self.raise_event(HISTORY_CLEARED, count)
 
