@@ -18,6 +18,7 @@ def _on_board(seconds, seed):
     return time_s, free_decay(modes, time_s, points, noise_mm, seed, axes=slice(0, 3)).noisy
 
 
+@pytest.mark.requirement("WB-MOD-09")
 @pytest.mark.parametrize("record", [_on_board(6.0, 1), flight(300, 1, noise_mm=0.004)], ids=["918 channels", "quiet"])
 def test_single_precision_moves_nothing_by_more_than_a_hundredth_of_its_sigma(record):
     time_s, y = record
@@ -42,6 +43,7 @@ def test_using_up_the_record_changes_nothing_but_the_record():
         assert np.array_equal(a.shape, b.shape, equal_nan=True)
 
 
+@pytest.mark.requirement("WB-MOD-09")
 @pytest.mark.parametrize("missing", [0.0, 0.02])
 def test_all_that_history_and_identification_hold_is_less_than_five_megabytes(missing):
     row = kept(1, missing)

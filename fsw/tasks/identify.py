@@ -12,27 +12,11 @@ from fsw.modal.breaks import last_break
 from fsw.modal.channels import Channels, chosen
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult, Mode, Options, Record
+from fsw.modal.tracking import SAME_FREQUENCY, Holders, assign_slots
 from fsw.tables.flight import IdentifyTable
+from fsw.tasks.estimate_board import show
 from fsw.tasks.state import Estimate, State
-from telemetry.dictionary import (
-    AMPLITUDE_COHERENCE,
-    AMPLITUDE_MM,
-    DAMPING_RATIO,
-    DAMPING_RATIO_SIGMA,
-    ESTIMATE_FLAGS,
-    ESTIMATE_TICK,
-    ESTIMATE_TIME_US,
-    FREQUENCY_HZ,
-    FREQUENCY_JUMP,
-    FREQUENCY_SIGMA_HZ,
-    FREQUENCY_UNCERTAINTY,
-    IDENTIFIED_FLAGS,
-    MODE_COUNT,
-    MODE_SLOTS,
-    OBSERVABLE,
-    RECORD_SAMPLES,
-    flag_bits,
-)
+from telemetry.dictionary import MODE_SLOTS
 from telemetry.events import IDENTIFICATION_FAILED
 from wingbeat.errors import InputError
 
@@ -42,9 +26,7 @@ LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to t
 LONG_GAP_TICKS = 15  # a cell hidden for longer is left out, if enough cells were not
 LEAST_WHOLE = 0.3  # share of the cells that are enough
 LOOK_BACK_TICKS = 90  # newest samples that are searched for a break of the motion
-SAME_FREQUENCY = 0.005  # share by which a mode's frequency may differ from one estimate to the next
 UNCONFIRMED = "unconfirmed"  # flag of a mode that was not found before
-SAME_MODE = 0.1  # frequencies that differ by a smaller share may be those of one mode, in two estimates
 
 
 class Identify:
@@ -62,6 +44,9 @@ class Identify:
         self._result: ModalResult | None = None
         self._failed = False
         self._cells = np.zeros(0, np.int64)
+        self._slots: tuple[int, ...] = ()
+        self._holders: Holders = (None,) * MODE_SLOTS  # of the slots, after the latest estimate delivered
+        self._next_holders: Holders = self._holders
         self._known: list[Mode] = []  # of the latest estimate that had any with nothing against them
         self._since_ns = LONG_AGO_NS  # a sample before this time belongs to a motion that has ended
 
@@ -107,6 +92,7 @@ class Identify:
         """Identify the copied record. A record that no mode can be found in is no reason to stop flying."""
         try:
             self._result, self._failed = self._identify(), False
+            self._assign()
         except (InputError, np.linalg.LinAlgError):
             self._result, self._failed = None, True
 
@@ -135,6 +121,15 @@ class Identify:
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
         result = identify(time_s, y, self._table.kind, self._options, overwrite=True)
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
+
+    def _assign(self) -> None:
+        """Find the slots of the modes, by shapes over all cells; they hold once the estimate is delivered."""
+        modes = []
+        for mode in self._result.modes if self._result is not None else ():
+            shape = np.full(self._xyz_mm.shape[1:], np.nan, np.complex128)
+            shape[self._cells] = mode.shape.reshape(-1, 3)
+            modes.append(replace(mode, shape=shape.ravel()))
+        self._slots, self._next_holders = assign_slots(modes, self._holders)
 
     def _break(self, time_ns: NDArray[np.int64], xyz: Channels, measured: NDArray[np.int64]) -> int:
         """Index of the first sample after a break of the motion, by what is known of it; 0 if there is none.
@@ -174,7 +169,9 @@ class Identify:
         modes = confirmed(self._result.modes, [*witnesses, *self._known])
         if self._settled:
             self._known = [mode for mode in modes if mode.valid] or self._known
-        state.estimate = Estimate(replace(self._result, modes=modes), self._cells, self._tick, self._taken_ns)
+        self._holders = self._next_holders
+        result = replace(self._result, modes=modes)
+        state.estimate = Estimate(result, self._cells, self._tick, self._taken_ns, self._slots)
         state.new_estimate = True
         show(state, state.estimate, before)
 
@@ -213,43 +210,3 @@ def confirmed(modes: Sequence[Mode], before: Sequence[Mode]) -> list[Mode]:
         else replace(mode, valid=False, flags=sorted({*mode.flags, UNCONFIRMED}))
         for mode in modes
     ]
-
-
-def show(state: State, estimate: Estimate, before: Estimate | None = None) -> None:
-    """Put an estimate's values on the board; whether they are valid is for protect to say.
-
-    before: the estimate delivered before, to which its frequencies are compared.
-    """
-    state.shown = estimate
-    known = before.result.valid_modes if before else []
-    board, result = state.board, estimate.result
-    board.set(ESTIMATE_TICK, estimate.tick)
-    board.set(ESTIMATE_TIME_US, estimate.time_ns // 1000)
-    board.set(MODE_COUNT, len(result.modes))
-    board.set(RECORD_SAMPLES, result.record.samples)
-    board.set(ESTIMATE_FLAGS, flag_bits(result.flags))
-    board.set(OBSERVABLE, 0.0 if "not_observable" in result.flags else 1.0)
-    for slot in range(MODE_SLOTS):
-        mode = result.modes[slot] if slot < len(result.modes) else None
-        board.set(FREQUENCY_HZ, mode.frequency_hz if mode else NAN, slot)
-        board.set(FREQUENCY_SIGMA_HZ, mode.frequency_sigma_hz if mode else NAN, slot)
-        board.set(DAMPING_RATIO, mode.damping_ratio if mode else NAN, slot)
-        board.set(DAMPING_RATIO_SIGMA, mode.damping_ratio_sigma if mode else NAN, slot)
-        board.set(AMPLITUDE_MM, mode.amplitude if mode else NAN, slot)
-        board.set(AMPLITUDE_COHERENCE, mode.amplitude_coherence if mode else NAN, slot)
-        board.set(IDENTIFIED_FLAGS, flag_bits(mode.flags) if mode else NAN, slot)
-        board.set(FREQUENCY_UNCERTAINTY, mode.frequency_sigma_hz / mode.frequency_hz if mode else NAN, slot)
-        board.set(FREQUENCY_JUMP, frequency_jump(mode, known) if mode else NAN, slot)
-
-
-def frequency_jump(mode: Mode, before: Sequence[Mode]) -> float:
-    """Change of a frequency against the nearest of the modes before, beyond 3 sigma of both, as a share of it.
-
-    0 where none of them may be the same mode.
-    """
-    near = [other for other in before if abs(other.frequency_hz - mode.frequency_hz) < SAME_MODE * mode.frequency_hz]
-    if not near:
-        return 0.0
-    nearest = min(near, key=lambda other: abs(other.frequency_hz - mode.frequency_hz))
-    sigma_hz = math.hypot(mode.frequency_sigma_hz, nearest.frequency_sigma_hz)
-    return max(0.0, abs(mode.frequency_hz - nearest.frequency_hz) - 3.0 * sigma_hz) / mode.frequency_hz

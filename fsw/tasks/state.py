@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fault.modes import Cause
 from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
-from fsw.modal.result import ModalResult
+from fsw.modal.result import ModalResult, Mode
 from fsw.tasks.event_queue import EventQueue
 from fsw.vision.tracking import Tracker
 from telemetry.board import Board, EventRecord
@@ -32,12 +32,20 @@ class Pair:
 
 @dataclass
 class Estimate:
-    """A delivered identification: the result, the cells (K,) whose x, y, z were its channels, its newest frame."""
+    """A delivered identification: the result, the cells (K,) whose x, y, z were its channels, its newest frame.
+
+    slots: of each of its modes; a mode keeps its slot from one estimate to the next.
+    """
 
     result: ModalResult
     cells: NDArray[np.int64]
     tick: int
     time_ns: int
+    slots: tuple[int, ...]
+
+    def in_slot(self, slot: int) -> Mode | None:
+        """The mode in a slot; None if that is empty."""
+        return self.result.modes[self.slots.index(slot)] if slot in self.slots else None
 
 
 @dataclass
