@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw.modal.channels import Scaled, amplitude_spectrum, chosen, power
+from fsw.modal.gaps import fill_in_time, fill_through
 from fsw.modal.pipeline import identify
 from fsw.modal.realisation import BlockHankel, block_hankel
 from sim.bench.modal_on_board import kept
@@ -82,3 +83,32 @@ def test_the_spectrum_shows_a_sine_at_its_amplitude():
     y = 3.0 * np.sin(2.0 * np.pi * 2.0 * t)[:, None] * np.ones(70)
     spectrum = amplitude_spectrum(y)
     assert spectrum[40] == pytest.approx(3.0, rel=1e-3) and spectrum[45:].max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_gaps_are_filled_by_least_squares_on_what_is_there(kind):
+    rng = np.random.default_rng(2)
+    ticks, width, rank = 30, 50, 3
+    V, _ = np.linalg.qr(rng.standard_normal((width, rank)))
+    scale, a = rng.uniform(0.5, 2.0, width), rng.standard_normal((ticks, rank))
+    true = a @ V.T * scale
+    y = (true - true.mean(axis=0)).astype(kind)
+    true = y.astype(np.float64)
+    present = rng.uniform(size=y.shape) < 0.8
+    present[3] = False  # a tick that tells nothing
+    y[~present] += rng.standard_normal(np.count_nonzero(~present)).astype(kind)
+    scaled = Scaled(y, scale)
+    for _ in range(40):  # each round leaves a small share of what the guess was off by
+        fill_through(scaled, present, signals := scaled.times(V), V)
+    rest = np.arange(ticks) != 3
+    off = y[rest] - true[rest]
+    off -= off.mean(axis=0)  # what a constant takes, the mean takes
+    assert np.abs(off).max() < (1e-4 if kind is np.float32 else 1e-6)
+    assert np.allclose((signals @ V.T * scale)[~present], y[~present], atol=1e-5)
+
+
+def test_the_first_guess_of_a_gap_is_linear_in_time_and_constant_at_the_ends():
+    stamps = np.array([0.0, 1.0, 2.0, 4.0, 5.0])
+    y = np.array([[np.nan, 1.0], [3.0, np.nan], [np.nan, np.nan], [9.0, 5.0], [np.nan, 5.0]])
+    fill_in_time(stamps, y, np.isfinite(y))
+    assert np.allclose(y, [[3.0, 1.0], [3.0, 2.0], [5.0, 3.0], [9.0, 5.0], [9.0, 5.0]])

@@ -7,7 +7,8 @@ import scipy.signal
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from fsw.modal.channels import Channels, Scaled, blocks, chosen, power
+from fsw.modal.channels import Channels, Scaled, chosen, power
+from fsw.modal.gaps import fill_in_time, fill_through
 from fsw.modal.subspace import leading_singular
 
 FloatArray = NDArray[np.float64]
@@ -16,8 +17,6 @@ FloatArray = NDArray[np.float64]
 _FILLING = (1, 2, 4, 8)
 # Rounds of estimating each channel's own noise and projecting again; a third changes nothing.
 _ROUNDS = 2
-# Share of a direction that must be seen at a tick for the tick to speak for it.
-_UNTOLD = 0.03
 # A channel counts if this share of its samples is there, and a tick if this share of the channels is.
 _LEAST_SHARE = 0.5
 # Half-band filter of the octaves: flat to 0.2 of the rate, silent above 0.3.
@@ -81,7 +80,7 @@ def principal_coordinates(time_s: FloatArray, y: Channels, count: int, overwrite
         none = np.zeros((len(stamps), 0))
         return Coordinates(stamps, none, none[:0], none, live & False, kept, 0.0)
     stamps = stamps - stamps[0]
-    _fill_in_time(stamps, y, present)
+    fill_in_time(stamps, y, present)
     y -= y.mean(axis=0, dtype=np.float64)
     if y.shape[1] <= count:
         scale = y.std(axis=0, dtype=np.float64)
@@ -89,13 +88,6 @@ def principal_coordinates(time_s: FloatArray, y: Channels, count: int, overwrite
     else:
         signals, basis = _project(y, present, count)
     return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps))
-
-
-def _fill_in_time(stamps: FloatArray, y: Channels, present: NDArray[np.bool_]) -> None:
-    """First guess of missing samples, into y: linear in time, channel by channel."""
-    for j in np.flatnonzero(~present.all(axis=0)):
-        here = present[:, j]
-        y[~here, j] = np.interp(stamps[~here], stamps[here], y[here, j])
 
 
 def _project(y: Channels, present: NDArray[np.bool_], count: int) -> tuple[FloatArray, FloatArray]:
@@ -111,36 +103,12 @@ def _project(y: Channels, present: NDArray[np.bool_], count: int) -> tuple[Float
         V = np.ascontiguousarray(start[:, :rank])
         signals = scaled.times(V)
         if gaps:
-            _fill(y, present, scale, signals, V)
+            fill_through(scaled, present, signals, V)
         noise = scale * np.sqrt(_mean_square_left(scaled, signals, V))
         basis = V * scale[:, None]
         # No channel may claim to be much better than the others: the fit would chase it.
         scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
     return signals, basis
-
-
-def _fill(y: Channels, present: NDArray[np.bool_], scale: FloatArray, signals: FloatArray, V: FloatArray) -> None:
-    """Fill the gaps of y (T, L) through its signals (T, r), which are corrected as well.
-
-    Least squares on the channels that are there, tick by tick: (V^T W V) da = V^T W (y - V a). A direction that only
-    missing channels could tell keeps its value from the fill before.
-    """
-    rank = V.shape[1]
-    missing = np.zeros(y.shape[1])
-    for part in blocks(len(y)):
-        here, a = present[part], signals[part]
-        weight = here.astype(np.float64)
-        normal = np.empty((len(a), rank, rank))
-        for k in range(rank):
-            normal[:, k, k:] = normal[:, k:, k] = weight @ (V[:, k : k + 1] * V[:, k:])
-        wrong = np.where(here, y[part] / scale - a @ V.T, 0.0) @ V
-        a += np.linalg.solve(normal + _UNTOLD * np.eye(rank), wrong[:, :, None])[:, :, 0]
-        missing += np.where(here, y[part] - (a @ V.T) * scale, 0.0).sum(axis=0)
-    # Each channel's mean was taken with the guess in its gaps: what is there says how far it is off, and a channel
-    # that is off would step at the ends of its gaps.
-    off = missing / np.maximum(present.sum(axis=0), 1)
-    for part in blocks(len(y)):
-        y[part] = np.where(present[part], y[part] - off, (signals[part] @ V.T) * scale)
 
 
 def _mean_square_left(scaled: Scaled, signals: FloatArray, V: FloatArray) -> FloatArray:

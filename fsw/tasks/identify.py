@@ -73,7 +73,9 @@ class Identify:
     def init(self) -> None:
         """Identify a short made-up decay, so that libraries and kernels are ready."""
         t = np.linspace(0.0, 0.1 * self._table.least_ticks, self._table.least_ticks)
-        identify(t, (np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.ones(4), "decay", self._options)
+        y = ((np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.linspace(0.5, 1.0, 90)).astype(np.float32)
+        y[1, 1] = NAN
+        identify(t, y, "decay", self._options, overwrite=True)
 
     def take(self, tick: int) -> bool:
         """Copy the history; False while it is too short, or nothing is measured."""
