@@ -26,7 +26,6 @@ from telemetry.dictionary import (
     LIMITS_RED,
     LIMITS_YELLOW,
     MODE,
-    MODE_COUNT,
     MODE_SLOTS,
     OBSERVABLE,
     POINT_NUMBER,
@@ -215,9 +214,10 @@ class Protection:
         return gates
 
     def _age(self, board: Board, tick: int) -> None:
-        age, count = tick - board.get(ESTIMATE_TICK), board.get(MODE_COUNT)
+        age, cells = tick - board.get(ESTIMATE_TICK), board.cells
         for slot in range(MODE_SLOTS):
-            board.cells[_AGE + slot] = age if slot < count else NAN
+            frequency_hz = cells[_FREQUENCY + slot]
+            cells[_AGE + slot] = age if frequency_hz == frequency_hz else NAN
 
     def _mark(self, board: Board) -> None:
         """Valid only if the identification, every limit and the mode agree."""

@@ -16,6 +16,7 @@ from fsw.executive.executive import Executive
 from fsw.executive.lock import TriggerLock
 from fsw.executive.schedule import Finding, check_schedule
 from fsw.geometry import make_prior, make_rig, make_wing_grid
+from fsw.memory.displacements import Displacements
 from fsw.memory.pool import FramePool
 from fsw.memory.ring import Ring
 from fsw.parts import Drivers, MakeVision, Tables, make_vision
@@ -70,7 +71,7 @@ class App:
             Tracker(rig, grid, TrackingOptions()),
             Pair(blank[0], blank[1]),
             Ring(flight.identify.history_ticks, (), np.int64),
-            Ring(flight.identify.history_ticks, (grid.count, 3)),
+            Displacements(flight.identify.history_ticks, grid.count),
             events=EventQueue(settings.event_burst, settings.event_refill_ticks),
         )
         self.state.tracker.place(prior.rotation, prior.translation_mm)

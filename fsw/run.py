@@ -30,7 +30,6 @@ from hal.store import FileStore
 from telemetry.dictionary import (
     EVENT_COUNT,
     FLAGS,
-    MODE_SLOTS,
     VALID,
     ModeFlag,
 )
@@ -126,7 +125,7 @@ def published_modes(state: State) -> dict[str, Any]:
     if state.shown is None:
         return {"modes": [], "flags": [], "record": {"duration_s": 0.0, "samples": 0, "rate_hz": None}}
     modes = to_contract(state.shown.result)
-    for slot, mode in enumerate(modes["modes"][:MODE_SLOTS]):
+    for slot, mode in zip(state.shown.slots, modes["modes"], strict=True):
         mode["valid"] = state.board.get(VALID, slot) == 1.0
         sent = ModeFlag(int(state.board.get(FLAGS, slot)))
         names = [flag.name.lower() for flag in sent if flag.name]

@@ -10,7 +10,7 @@ from enum import IntEnum, IntFlag
 from telemetry.declaration import EVENT_ARGUMENTS, Kind, Packet, Point, Severity
 
 MODE_SLOTS = 8
-"""How many modes an estimate can carry, in order of frequency; a slot without a mode is "not available"."""
+"""How many modes an estimate can carry; a slot without a mode is "not available"."""
 
 EPOCH_US = 1 << 48
 """The time on CAN is time_us + time_epoch * EPOCH_US, so that it holds for mission time and for Unix time."""
@@ -298,7 +298,7 @@ TIMING_BINS = tuple(
 )
 
 MODE_PACKET = Packet(
-    "mode", 0x240, 54000, 5, 0, "the identified modes, in order of frequency", (
+    "mode", 0x240, 54000, 5, 0, "the identified modes, each in the slot that it keeps", (
         ("frequency", (FREQUENCY_HZ, FREQUENCY_SIGMA_HZ)),
         ("damping", (DAMPING_RATIO, DAMPING_RATIO_SIGMA)),
         ("amplitude", (AMPLITUDE_MM, AMPLITUDE_COHERENCE)),

@@ -16,6 +16,7 @@ from fault.protection import Protection
 from fsw.commands.handlers import Handlers, tables_in
 from fsw.commands.replies import A_TICK, DUMPS_A_TICK, PLACES, Replies
 from fsw.executive.entry import Diagnostics
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
 from fsw.tables.bank import TableBank
 from fsw.tables.flight import load_flight
@@ -97,7 +98,7 @@ class Ground:
 
     def __init__(self, mode: FlightMode = FlightMode.TRACK) -> None:
         image = np.zeros((4, 4), np.uint8)
-        self.state = State(None, Pair(image, image), Ring(4, (), np.int64), Ring(4, (1, 3)))  # type: ignore[arg-type]
+        self.state = State(None, Pair(image, image), Ring(4, (), np.int64), Displacements(4, 1))  # type: ignore[arg-type]
         for point, value in GOOD.items():
             self.state.board.set(point, value)
         self.state.mode = mode

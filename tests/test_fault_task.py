@@ -8,9 +8,11 @@ from fault.limits import Limit
 from fault.modes import Cause
 from fault.protection import Protection
 from fsw.black_box import BlackBox
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
 from fsw.modal.result import ModalResult, Mode, Record
-from fsw.tasks.identify import frequency_jump, show
+from fsw.run import published_modes
+from fsw.tasks.estimate_board import frequency_jump, predecessors, show
 from fsw.tasks.protect import Protect
 from fsw.tasks.state import NOTHING, Estimate, Pair, State
 from telemetry import dictionary as d
@@ -21,13 +23,14 @@ def mode(hz: float, sigma_hz: float = 1e-4, flags: tuple[str, ...] = ()) -> Mode
     return Mode(hz, sigma_hz, 0.005, 1e-4, 5.0, 0.99, 1.0, np.ones(3, np.complex128), not flags, list(flags))
 
 
-def estimate(tick: int, *modes: Mode) -> Estimate:
-    return Estimate(ModalResult(list(modes), [], Record(10.0, 150, 15.0), "decay"), np.arange(1), tick, tick * 10**6)
+def estimate(tick: int, *modes: Mode, slots: tuple[int, ...] | None = None) -> Estimate:
+    result = ModalResult(list(modes), [], Record(10.0, 150, 15.0), "decay")
+    return Estimate(result, np.arange(1), tick, tick * 10**6, slots or tuple(range(len(modes))))
 
 
 def blank_state() -> State:
     image = np.zeros((4, 4), np.uint8)
-    state = State(None, Pair(image, image), Ring(4, (), np.int64), Ring(4, (1, 3)))  # type: ignore[arg-type]
+    state = State(None, Pair(image, image), Ring(4, (), np.int64), Displacements(4, 1))  # type: ignore[arg-type]
     for point, value in GOOD.items():
         state.board.set(point, value)
     return state
@@ -124,3 +127,35 @@ def test_the_board_says_how_far_a_mode_jumped_how_sure_it_is_and_what_was_found_
     for point in (d.FREQUENCY_JUMP, d.FREQUENCY_UNCERTAINTY, d.IDENTIFIED_FLAGS):
         assert all(np.isnan(state.board.get(point, slot)) for slot in range(2, 8))
     assert state.shown is state.estimate
+
+
+@pytest.mark.requirement("WB-FLT-14")
+def test_a_jump_is_taken_from_the_mode_that_held_the_slot_or_from_those_that_are_gone() -> None:
+    a, b = mode(0.73, 0.0), mode(0.76, 0.0)
+    before = estimate(2, a, b, slots=(1, 0))
+    after = estimate(12, mode(0.745, 0.0), mode(0.7675, 0.0), slots=(0, 1))  # they crossed
+    assert predecessors(0, after, before) == [b] and predecessors(1, after, before) == [a]
+    lost = estimate(12, mode(0.75, 0.0), slots=(3,))
+    assert predecessors(3, lost, before) == [a, b]  # a new slot is no way round the limit
+    assert predecessors(3, estimate(12, b, mode(0.8), slots=(0, 3)), before) == [a]
+    doubtful = estimate(2, mode(0.73, flags=("weak",)), b)
+    assert predecessors(0, estimate(12, a, b), doubtful) == [] and predecessors(0, before, None) == []
+
+
+@pytest.mark.requirement("WB-MOD-08")
+def test_a_candidate_that_appears_below_and_a_mode_that_is_lost_disturb_no_other_slot() -> None:
+    state = blank_state()
+    task = protect(state, [])
+    task.init()
+    run(task, state, 0, Cause.LOCK_FOUND)
+    deliver(state, estimate(2, mode(0.7), mode(3.0)))
+    assert run(task, state, 5) == [401, 401]
+    deliver(state, estimate(12, mode(0.4, flags=("weak",)), mode(0.7), mode(3.0), slots=(2, 0, 1)))
+    assert run(task, state, 15) == []
+    assert [state.board.get(d.FREQUENCY_HZ, slot) for slot in range(3)] == [0.7, 3.0, 0.4]
+    assert [state.board.get(d.AGE_TICKS, slot) for slot in range(3)] == [3, 3, 3]
+    assert [sent["valid"] for sent in published_modes(state)["modes"]] == [False, True, True]
+    deliver(state, estimate(22, mode(3.0), slots=(1,)))
+    assert run(task, state, 25) == [402]
+    assert np.isnan(state.board.get(d.FREQUENCY_HZ, 0)) and np.isnan(state.board.get(d.AGE_TICKS, 0))
+    assert state.board.get(d.VALID, 1) == 1.0 and state.board.get(d.MODE_COUNT) == 1

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fsw.commands.replies import Replies
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
 from fsw.tasks.publish import Outlets, Publish
 from fsw.tasks.state import Pair, State
@@ -36,7 +37,7 @@ class Off:
 
 def flight(outlets: Outlets) -> tuple[State, Publish]:
     image = np.zeros((4, 4), np.uint8)
-    state = State(None, Pair(image, image), Ring(4, (), np.int64), Ring(4, (1, 3)))  # type: ignore[arg-type]
+    state = State(None, Pair(image, image), Ring(4, (), np.int64), Displacements(4, 1))  # type: ignore[arg-type]
     publish = Publish(state, outlets, Replies())
     publish.init()
     return state, publish

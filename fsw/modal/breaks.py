@@ -9,6 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.channels import Channels
+
 FloatArray = NDArray[np.float64]
 
 WINDOW = 3
@@ -19,7 +21,7 @@ FAILED = 10.0
 """An error this many times the median one is no noise: of one normal number that is 6.7 standard deviations."""
 
 
-def last_break(time_s: FloatArray, y: FloatArray, poles: Sequence[complex]) -> int:
+def last_break(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> int:
     """Index of the first sample after the newest break; 0 if there is none.
 
     time_s (T,) increasing, gaps allowed; y (T, M), NaN = missing; poles in 1/s, one of each conjugate pair, of the
@@ -42,7 +44,7 @@ def last_break(time_s: FloatArray, y: FloatArray, poles: Sequence[complex]) -> i
     return start
 
 
-def _prediction_error(time_s: FloatArray, y: FloatArray, poles: Sequence[complex]) -> float:
+def _prediction_error(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> float:
     """Rms over the channels of what a window (all rows but the last) predicts wrongly of the last row, in units of
     what noise of unit variance makes of it; NaN if no channel is whole.
     """

@@ -7,6 +7,8 @@ import scipy.signal
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
+from fsw.modal.channels import Channels, Scaled, chosen, power
+from fsw.modal.gaps import fill_in_time, fill_through
 from fsw.modal.subspace import leading_singular
 
 FloatArray = NDArray[np.float64]
@@ -15,8 +17,6 @@ FloatArray = NDArray[np.float64]
 _FILLING = (1, 2, 4, 8)
 # Rounds of estimating each channel's own noise and projecting again; a third changes nothing.
 _ROUNDS = 2
-# Share of a direction that must be seen at a tick for the tick to speak for it.
-_UNTOLD = 0.03
 # A channel counts if this share of its samples is there, and a tick if this share of the channels is.
 _LEAST_SHARE = 0.5
 # Half-band filter of the octaves: flat to 0.2 of the rate, silent above 0.3.
@@ -37,7 +37,7 @@ class Coordinates:
     time_s: FloatArray
     signals: FloatArray
     basis: FloatArray
-    channels: FloatArray
+    channels: Channels
     live: NDArray[np.bool_]
     kept: NDArray[np.bool_]
     rate_hz: float
@@ -60,79 +60,61 @@ def nominal_rate_hz(time_s: FloatArray) -> float:
     return whole / float(time_s[-1] - time_s[0])
 
 
-def principal_coordinates(time_s: FloatArray, y: FloatArray, count: int) -> Coordinates:
+def principal_coordinates(time_s: FloatArray, y: Channels, count: int, overwrite: bool = False) -> Coordinates:
     """Leading principal coordinates of a record, each channel scaled by its own noise.
 
-    time_s (T,) increasing; y (T, M), NaN = missing; count: most coordinates. A channel or tick that is
-    mostly missing is left out; what is missing elsewhere is filled from the other channels through the
-    coordinates themselves.
+    time_s (T,) increasing; y (T, M), NaN = missing; count: most coordinates; overwrite: y (contiguous) may be used up,
+    which saves a copy. A channel or tick that is mostly missing is left out; what is missing elsewhere is filled from
+    the other channels through the coordinates themselves.
     """
     present = np.isfinite(y)
-    live = present.mean(axis=0) > _LEAST_SHARE
-    live[live] = np.nanmax(y[:, live], axis=0) > np.nanmin(y[:, live], axis=0)
+    live = (present.mean(axis=0) > _LEAST_SHARE) & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
     share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
     complete = share >= 1.0
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
     # out.
     kept = complete if live.sum() <= count and complete.mean() > 0.7 else share > _LEAST_SHARE
-    stamps, y, present = time_s[kept], y[np.ix_(kept, live)], present[np.ix_(kept, live)]
+    stamps, present = time_s[kept], present[np.ix_(kept, live)]
+    y = chosen(y, kept, live, overwrite)
     if y.size == 0 or len(stamps) < 2:
         none = np.zeros((len(stamps), 0))
         return Coordinates(stamps, none, none[:0], none, live & False, kept, 0.0)
     stamps = stamps - stamps[0]
-    y = _fill_in_time(stamps, y, present)
-    y = y - y.mean(axis=0)
+    fill_in_time(stamps, y, present)
+    y -= y.mean(axis=0, dtype=np.float64)
     if y.shape[1] <= count:
-        scale = y.std(axis=0)
+        scale = y.std(axis=0, dtype=np.float64)
         signals, basis = y / scale, np.diag(scale)
     else:
-        signals, basis, y = _project(y, present, count)
+        signals, basis = _project(y, present, count)
     return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps))
 
 
-def _fill_in_time(stamps: FloatArray, y: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
-    """First guess of missing samples: linear in time, channel by channel."""
-    y = y.copy()
-    for j in np.flatnonzero(~present.all(axis=0)):
-        here = present[:, j]
-        y[~here, j] = np.interp(stamps[~here], stamps[here], y[here, j])
-    return y
-
-
-def _project(y: FloatArray, present: NDArray[np.bool_], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Signals (T, p), basis (L, p) and y with its gaps filled, by principal components of channels of equal noise."""
-    scale = np.full(y.shape[1], max(float(y.std()), 1e-300))
+def _project(y: Channels, present: NDArray[np.bool_], count: int) -> tuple[FloatArray, FloatArray]:
+    """Signals (T, p) and basis (L, p) by principal components of channels of equal noise; fills the gaps of y."""
+    overall = max(float(np.sqrt(np.mean(power(y)) / len(y))), 1e-300)
+    scale = np.full(y.shape[1], overall)
     gaps = not bool(present.all())
     filling = [rank for rank in _FILLING if rank < count] if gaps else []
     start = None
     for rank in [*filling, *[count] * _ROUNDS]:
-        _, _, Vt = leading_singular(y / scale, count, start)
-        start = Vt.T
-        V = np.ascontiguousarray(Vt[:rank].T)
-        signals = (y / scale) @ V
+        scaled = Scaled(y, scale)
+        start = leading_singular(scaled, count, start)[2].T
+        V = np.ascontiguousarray(start[:, :rank])
+        signals = scaled.times(V)
         if gaps:
-            # Least squares on the channels that are there, tick by tick: (V^T W V) da = V^T W (y - V a). A direction
-            # that only missing channels could tell keeps its value from the fill before.
-            outer = (V[:, :, None] * V[:, None, :]).reshape(len(V), -1)
-            normal = (present @ outer).reshape(-1, V.shape[1], V.shape[1]) + _UNTOLD * np.eye(V.shape[1])
-            wrong = np.where(present, y / scale - signals @ V.T, 0.0) @ V
-            signals = signals + np.linalg.solve(normal, wrong[:, :, None])[:, :, 0]
-            filled = (signals @ V.T) * scale
-            # Each channel's mean was taken with the guess in its gaps: what is there says how far it is off, and a
-            # channel that is off would step at the ends of its gaps.
-            y = y - np.where(present, y - filled, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
-            y = np.where(present, y, filled)
-        noise = scale * np.sqrt(_mean_square_left(y / scale, signals, V))
+            fill_through(scaled, present, signals, V)
+        noise = scale * np.sqrt(_mean_square_left(scaled, signals, V))
         basis = V * scale[:, None]
         # No channel may claim to be much better than the others: the fit would chase it.
-        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * float(y.std())))
-    return signals, basis, y
+        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
+    return signals, basis
 
 
-def _mean_square_left(y: FloatArray, signals: FloatArray, V: FloatArray) -> FloatArray:
-    """Mean square (M,) of y - signals V^T, from products: no array of the size of y is made for it."""
-    left = np.einsum("ij,ij->j", y, y) - 2.0 * np.sum((y.T @ signals) * V, axis=1)
-    return np.maximum(left + np.sum((V @ (signals.T @ signals)) * V, axis=1), 0.0) / len(y)
+def _mean_square_left(scaled: Scaled, signals: FloatArray, V: FloatArray) -> FloatArray:
+    """Mean square (L,) of scaled channels - signals V^T, from products: no array of their size is made for it."""
+    left = power(scaled.y) / scaled.scale**2 - 2.0 * np.sum(scaled.transposed_times(signals) * V, axis=1)
+    return np.maximum(left + np.sum((V @ (signals.T @ signals)) * V, axis=1), 0.0) / len(signals)
 
 
 def even_grid(stamps: FloatArray, signals: FloatArray, rate_hz: float) -> FloatArray:

@@ -11,7 +11,7 @@ from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import even_grid
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.refinement import Fit, project, refine, significance
+from fsw.modal.refinement import Fit, project, refined, significance, spanned
 from fsw.modal.result import Options
 from fsw.modal.uncertainty import noise_beside
 
@@ -28,9 +28,11 @@ _REFINEMENTS = 3
 _SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
 _FALSE_ALARM = 1e-9
-# The residual is searched again while it has a peak of this share of what a mode must have: a sinusoid of amplitude a
-# has the statistic a^2 T / 2, and a peak of a^2 T^2 / 4.
-_WORTH_A_LOOK = 0.25
+# The residual is searched again while a peak of it has this share of what a mode must have beyond the noise's mean. A
+# steady sinusoid and one that falls are looked for, by exponents times T; what falls at another pace, or lies between
+# two frequencies of the grid, has at least two thirds of its own peak.
+_WORTH_A_LOOK = 0.5
+_FALLS = (0.0, 4.0)
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -66,7 +68,7 @@ def find_decay(
     fit = project(time_s, signals, np.zeros(0, np.complex128), degree)
     for _ in range(_PASSES):
         left = even_grid(time_s, fit.residual, rate_hz)
-        if known and _tallest(left) < _WORTH_A_LOOK * _least_statistic(left.shape[1]) * len(left) / 2.0:
+        if known and not _worth_a_look(left):
             break
         found, poles = subspace_candidates(left, rate_hz, correlation, options.block_rows, options.order)
         diagram = diagram or poles
@@ -75,8 +77,7 @@ def find_decay(
         if not fresh:
             break
         before = len(known)
-        poles_now = np.concatenate([fit.poles, [c.pole.s for c in fresh]])
-        fit, known = _settle(time_s, signals, poles_now, [*known, *fresh], degree)
+        fit, known = _settle(time_s, signals, fit, known, fresh, degree)
         if len(known) <= before:
             break
     return Decay(
@@ -88,28 +89,32 @@ def find_decay(
 
 
 def _settle(
-    time_s: FloatArray, signals: FloatArray, poles: ComplexArray, known: list[Candidate], degree: int
+    time_s: FloatArray, signals: FloatArray, settled: Fit, known: list[Candidate], fresh: list[Candidate], degree: int
 ) -> tuple[Fit, list[Candidate]]:
-    """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well."""
-    whitening = _whitening(signals, project(time_s, signals, poles, degree))
+    """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well.
+
+    settled: the fit with the modes known so far. It is given back if no fresh one is needed.
+    """
+    before, known = known, [*known, *fresh]
+    span = spanned(time_s, np.concatenate([settled.poles, [c.pole.s for c in fresh]]), degree)
     searched = False
-    refined = 0
+    rounds = 0
     while True:
-        whitened = signals @ whitening
-        fit = refine(time_s, whitened, poles, degree) if searched else project(time_s, whitened, poles, degree)
+        whitened = signals @ _whitening(signals, span.fit(signals))
+        fit = span.fit(whitened)
+        fit = refined(fit, whitened, degree) if searched else fit
         drop = _least_needed(time_s, fit)
         if drop is not None:
             keep = np.arange(len(fit.poles)) != drop
-            poles = fit.poles[keep]
             known = [c for c, k in zip(known, keep, strict=True) if k]
+            if before and not searched and [id(c) for c in known] == [id(c) for c in before]:
+                return settled, before
+            span = spanned(time_s, fit.poles[keep], degree)
         else:
-            poles = fit.poles
-            if refined == _REFINEMENTS or (len(poles) == 0 and searched):
+            if rounds == _REFINEMENTS or (len(fit.poles) == 0 and searched):
                 return fit, known
-            refined += int(searched)
-            searched = True
-        base = project(time_s, signals, poles, degree)
-        whitening = _whitening(signals, base)
+            rounds += int(searched)
+            searched, span = True, fit.span
 
 
 def _whitening(signals: FloatArray, fit: Fit) -> FloatArray:
@@ -132,8 +137,9 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
             return int(j)
     limit = _least_statistic(fit.residual.shape[1])
     excess = values / limit
-    if np.min(excess) < _loudest(fit.residual):
-        excess /= np.maximum(noise_beside(time_s, fit), 1.0)
+    doubtful = np.flatnonzero(excess < _loudest(fit.residual))
+    if len(doubtful):
+        excess[doubtful] /= np.maximum(noise_beside(time_s, fit, doubtful.tolist()), 1.0)
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
     excess[(cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))] = 0.0
@@ -151,6 +157,14 @@ def _loudest(residual: FloatArray) -> float:
 def _least_statistic(coordinates: int) -> float:
     """What a mode's amplitudes in so many coordinates of white noise exceed by chance alone in one case of many."""
     return float(chi2.isf(_FALSE_ALARM, 2 * coordinates))
+
+
+def _worth_a_look(residual: FloatArray) -> bool:
+    """Whether a whitened residual (N, p) on an even grid may hold a mode that the likelihood would keep."""
+    noise = 2.0 * residual.shape[1]  # mean of the statistic where there is no mode
+    beyond = _WORTH_A_LOOK * (_least_statistic(residual.shape[1]) - noise)
+    falls = [np.exp(-fall * np.arange(len(residual)) / len(residual)) for fall in _FALLS]
+    return any(2.0 * _tallest(residual * w[:, None]) / float(w @ w) > noise + beyond for w in falls)
 
 
 def complex_shape(fit: Fit, mode: int) -> ComplexArray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.candidates import Correlation
+from fsw.modal.channels import Channels, transposed_times
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates
 from fsw.modal.decay import Decay, convincing, find_decay, onset
@@ -149,7 +150,7 @@ def _flags(
     return flags
 
 
-def channel_shapes(orthonormal: FloatArray, triangle: FloatArray, channels: FloatArray, modes: int) -> ComplexArray:
+def channel_shapes(orthonormal: FloatArray, triangle: FloatArray, channels: Channels, modes: int) -> ComplexArray:
     """Complex amplitudes (modes, L) at time 0 of each mode in each channel, by linear least squares."""
-    X = np.linalg.solve(triangle, orthonormal.T @ channels)
+    X = np.linalg.solve(triangle, transposed_times(channels, orthonormal).T)
     return (X[0 : 2 * modes : 2] - 1j * X[1 : 2 * modes : 2]).astype(np.complex128)

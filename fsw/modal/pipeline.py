@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.channels import Channels, amplitude_spectrum
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates, principal_coordinates
 from fsw.modal.correlation import fixed_window, spectral
@@ -31,23 +32,24 @@ _SPECTRUM_SAMPLES = 4096
 
 def identify(
     time_s: FloatArray,
-    y: FloatArray,
+    y: Channels,
     kind: Literal["auto", "decay", "ambient"] = "auto",
     options: Options | None = None,
     u: FloatArray | None = None,
+    overwrite: bool = False,
 ) -> ModalResult:
     """Modes of a record of vibration, each with its interval, its indicators and whether to believe it.
 
     time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
     decay, the stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were
-    measured, such as wheel torque; the modes are then those of the plant alone. Deterministic. Raises
-    InputError for arrays that do not fit. Source: section 5 of the paper (Eq. 31-41), refined by maximum
-    likelihood.
+    measured, such as wheel torque; the modes are then those of the plant alone. overwrite: y (contiguous) may be used
+    up, which saves memory. y in single precision stays so. Deterministic. Raises InputError for arrays that do not fit.
+    Source: section 5 of the paper (Eq. 31-41), refined by maximum likelihood.
     """
     settings = options or Options()
     time_s, y = _checked(time_s, y)
     most = max(min(settings.coordinates, len(time_s) // _SAMPLES_OF_A_COORDINATE), 1)
-    coordinates = principal_coordinates(time_s, y, most)
+    coordinates = principal_coordinates(time_s, y, most, overwrite)
     count = len(coordinates.time_s)
     if count < LEAST_SAMPLES or coordinates.signals.shape[1] == 0:
         extent = float(time_s[-1] - time_s[0])
@@ -76,9 +78,10 @@ def identify(
     return ModalResult(modes, _record_flags(modes, record.duration_s), record, decided, _diagram(coordinates, poles))
 
 
-def _checked(time_s: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _checked(time_s: FloatArray, y: Channels) -> tuple[FloatArray, Channels]:
     time_s = np.asarray(time_s, dtype=np.float64)
-    y = np.asarray(y, dtype=np.float64)
+    y = np.asarray(y)
+    y = y if y.dtype == np.float32 else np.asarray(y, dtype=np.float64)
     y = y[:, None] if y.ndim == 1 else y
     if time_s.ndim != 1 or y.ndim != 2 or len(time_s) != len(y):
         raise InputError(f"time_s {time_s.shape} and y {y.shape} do not fit", "y", "give one row of y for each time")
@@ -86,7 +89,7 @@ def _checked(time_s: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]
         raise InputError("there are no samples", "y", "record at least a few seconds")
     if not np.all(np.isfinite(time_s)) or not np.all(np.diff(time_s) > 0.0):
         raise InputError("time does not increase from sample to sample", "time_s", "sort the samples by time")
-    return time_s, np.where(np.isfinite(y), y, np.nan)
+    return time_s, np.where(np.isinf(y), np.nan, y) if np.isinf(y).any() else y
 
 
 def _inputs(u: FloatArray, coordinates: Coordinates) -> FloatArray:
@@ -127,13 +130,11 @@ def _record_flags(modes: list[Mode], duration_s: float) -> list[str]:
 def _diagram(coordinates: Coordinates, poles: list[Pole]) -> Diagram:
     """Stabilisation diagram and root mean square spectrum over the channels, as amplitudes in the channels' unit."""
     pieces = coordinates.channels[:_SPECTRUM_SAMPLES]
-    window = np.hanning(len(pieces))[:, None]
-    spectrum = np.abs(np.fft.rfft(pieces * window, axis=0)) * 2.0 / float(window.sum())
     return Diagram(
         order=np.array([p.order for p in poles], np.int64),
         frequency_hz=np.array([p.frequency_hz for p in poles]),
         damping_ratio=np.array([p.damping_ratio for p in poles]),
         stable=np.array([p.stable for p in poles], np.bool_),
         spectrum_hz=np.asarray(np.fft.rfftfreq(len(pieces), 1.0 / coordinates.rate_hz), np.float64),
-        spectrum=np.sqrt(np.mean(spectrum**2, axis=1)),
+        spectrum=amplitude_spectrum(pieces),
     )

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.subspace import leading_singular
+from fsw.modal.subspace import Dense, leading_singular
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -55,16 +55,49 @@ def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> Floa
     return h[index].transpose(0, 2, 1, 3).reshape(rows * p, columns * m)
 
 
+class BlockHankel:
+    """The same matrix, met through its products: its block rows are pieces of the series, and are not copied."""
+
+    def __init__(self, h: FloatArray, rows: int, columns: int) -> None:
+        _, self._p, self._m = h.shape
+        self._rows, self._columns, self._h = rows, columns, h
+        self._series = h.transpose(1, 0, 2).reshape(self._p, -1)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows p, columns m)."""
+        return self._rows * self._p, self._columns * self._m
+
+    def times(self, V: FloatArray) -> FloatArray:
+        """Its product with V (columns m, k)."""
+        return np.vstack([self._block_row(i) @ V for i in range(self._rows)])
+
+    def transposed_times(self, Q: FloatArray) -> FloatArray:
+        """The product of its transpose with Q (rows p, k)."""
+        product = np.zeros((self.shape[1], Q.shape[1]))
+        for i in range(self._rows):
+            product += self._block_row(i).T @ Q[i * self._p : (i + 1) * self._p]
+        return product
+
+    def dense(self) -> FloatArray:
+        """The whole matrix."""
+        return block_hankel(self._h, self._rows, self._columns)
+
+    def _block_row(self, i: int) -> FloatArray:
+        return self._series[:, i * self._m : (i + self._columns) * self._m]
+
+
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     """Balanced realisation of a series by the eigensystem realisation algorithm.
 
     h (K, p, m) with K >= rows + columns. The order is cut to the numerical rank of H(0). Source: Eq. 34-36.
     """
     _, p, m = h.shape
-    U, s, Vt = leading_singular(block_hankel(h, rows, columns), order)
+    H = BlockHankel(h, rows, columns)
+    U, s, Vt = leading_singular(H, order)
     n, root = _cut(s, order)
     left, right = U[:, :n] / root, Vt[:n].T / root
-    A = left.T @ block_hankel(h, rows, columns, 1) @ right
+    A = left.T @ BlockHankel(h[1:], rows, columns).times(right)
     controllability = Vt[:n] * root[:, None]
     return Realisation(A, controllability[:, :m].copy(), U[:p, :n] * root, controllability)
 
@@ -74,7 +107,7 @@ def weighted_realisation(
 ) -> Realisation:
     """The same of left H(0) right: weights (rows p, rows p) and (columns m, columns m), taken out again at the end."""
     _, p, m = h.shape
-    U, s, Vt = leading_singular(left @ block_hankel(h, rows, columns) @ right, order)
+    U, s, Vt = leading_singular(Dense(left @ block_hankel(h, rows, columns) @ right), order)
     n, root = _cut(s, order)
     A = (U[:, :n] / root).T @ left @ block_hankel(h, rows, columns, 1) @ right @ (Vt[:n].T / root)
     observability = np.linalg.solve(left, U[:, :n] * root)

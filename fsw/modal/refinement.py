@@ -7,6 +7,7 @@ are: gaps and jitter cost nothing.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -22,24 +23,72 @@ ARRIVED = 1e-10
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A fitted record: poles (m,) 1/s; coefficients (2 m + d, p): per mode cosine and sine, then drift;
-    residual (T, p).
+class Span:
+    """What damped sinusoids of given poles and a drift polynomial can explain, whatever the signals are.
 
     orthonormal (T, 2 m + d) spans the linear model, triangle is its R; tangent (T, 2 m) is t times the modes' columns,
-    outside of that span; information (2 m, 2 m) is the Fisher information of the poles' (Re, Im), interleaved, for unit
-    noise in every coordinate.
+    outside of that span, gram (2 m, 2 m) its products. The last two are made when they are asked for.
     """
 
+    time_s: FloatArray
     poles: ComplexArray
-    coefficients: FloatArray
-    residual: FloatArray
+    basis: FloatArray
     orthonormal: FloatArray
     triangle: FloatArray
-    tangent: FloatArray
-    information: FloatArray
+
+    @cached_property
+    def tangent(self) -> FloatArray:
+        """The modes' columns times t, without their part in the span."""
+        E = self.time_s[:, None] * self.basis[:, : 2 * len(self.poles)]
+        E -= self.orthonormal @ (self.orthonormal.T @ E)
+        return E
+
+    @cached_property
+    def gram(self) -> FloatArray:
+        """Products of the tangent's columns."""
+        return self.tangent.T @ self.tangent
+
+    def fit(self, signals: FloatArray) -> "Fit":
+        """Best linear fit to signals (T, p) of unit noise variance (whitened)."""
+        weights = self.orthonormal.T @ signals
+        X = scipy.linalg.solve_triangular(self.triangle, weights, check_finite=False)
+        return Fit(self, X, signals - self.orthonormal @ weights)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted record: coefficients (2 m + d, p): per mode cosine and sine, then drift; residual (T, p)."""
+
+    span: Span
+    coefficients: FloatArray
+    residual: FloatArray
 
     @property
+    def poles(self) -> ComplexArray:
+        """Poles (m,) in 1/s."""
+        return self.span.poles
+
+    @property
+    def orthonormal(self) -> FloatArray:
+        """Of the span, (T, 2 m + d)."""
+        return self.span.orthonormal
+
+    @property
+    def triangle(self) -> FloatArray:
+        """Of the span, (2 m + d, 2 m + d)."""
+        return self.span.triangle
+
+    @property
+    def tangent(self) -> FloatArray:
+        """Of the span, (T, 2 m)."""
+        return self.span.tangent
+
+    @cached_property
+    def information(self) -> FloatArray:
+        """Fisher information (2 m, 2 m) of the poles' (Re, Im), interleaved, for unit noise in every coordinate."""
+        return _information(self.span.gram, pole_directions(self.coefficients, len(self.poles)))
+
+    @cached_property
     def cost(self) -> float:
         """Sum of squared residuals."""
         return float(np.sum(self.residual**2))
@@ -55,23 +104,22 @@ def model_basis(time_s: FloatArray, poles: ComplexArray, drift_degree: int) -> F
     return np.hstack([columns, drift])
 
 
-def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:
-    """Best linear fit for given poles, with the Fisher information of the poles.
-
-    time_s (T,), signals (T, p) of unit noise variance (whitened), poles (m,) 1/s with Im > 0.
-    """
+def spanned(time_s: FloatArray, poles: ComplexArray, drift_degree: int) -> Span:
+    """The linear model of poles (m,) in 1/s with Im > 0 at stamps (T,)."""
     basis = model_basis(time_s, poles, drift_degree)
     Q, R = np.linalg.qr(basis)
     floor = 1e-12 * float(np.max(np.abs(np.diag(R))))
     diagonal = np.diag(R).copy()
     R = R + np.diag(np.where(np.abs(diagonal) < floor, np.copysign(floor, diagonal) - diagonal, 0.0))
-    weights = Q.T @ signals
-    X = scipy.linalg.solve_triangular(R, weights)
-    residual = signals - Q @ weights
-    count = 2 * len(poles)
-    E = time_s[:, None] * basis[:, :count]
-    E -= Q @ (Q.T @ E)
-    return Fit(poles, X, residual, Q, R, E, _information(E.T @ E, pole_directions(X, len(poles))))
+    return Span(time_s, poles, basis, Q, R)
+
+
+def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:
+    """Best linear fit for given poles.
+
+    time_s (T,), signals (T, p) of unit noise variance (whitened), poles (m,) 1/s with Im > 0.
+    """
+    return spanned(time_s, poles, drift_degree).fit(signals)
 
 
 def pole_directions(X: FloatArray, modes: int) -> FloatArray:
@@ -98,7 +146,12 @@ def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_d
     time_s (T,) true stamps from 0; signals (T, p) whitened; poles (m,) 1/s. A step changes a pole by at most
     1.5 / T.
     """
-    fit = project(time_s, signals, poles, drift_degree)
+    return refined(project(time_s, signals, poles, drift_degree), signals, drift_degree)
+
+
+def refined(fit: Fit, signals: FloatArray, drift_degree: int) -> Fit:
+    """The same from a fit to the signals with the starting values."""
+    time_s, poles = fit.span.time_s, fit.poles
     if len(poles) == 0:
         return fit
     longest = 1.5 / max(float(time_s[-1]), 1e-300)
@@ -126,7 +179,7 @@ def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_d
 def significance(fit: Fit) -> FloatArray:
     """Wald statistic (m,) of each mode's amplitudes given the others: chi-square, 2 p degrees, for white noise."""
     count = len(fit.poles)
-    inverse = scipy.linalg.solve_triangular(fit.triangle, np.eye(len(fit.triangle)))
+    inverse = scipy.linalg.solve_triangular(fit.triangle, np.eye(len(fit.triangle)), check_finite=False)
     covariance = inverse @ inverse.T
     values = np.empty(count)
     for j in range(count):

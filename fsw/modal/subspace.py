@@ -1,5 +1,8 @@
 """Leading singular vectors of large matrices, in a fixed number of rounds."""
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -10,8 +13,49 @@ FloatArray = NDArray[np.float64]
 _OVERSAMPLING, _ROUNDS = 8, 2
 
 
+class Matrix(Protocol):
+    """A large matrix (M, N) that is met through its products."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M, N)."""
+
+    def times(self, V: FloatArray, /) -> FloatArray:
+        """Its product with V (N, k)."""
+
+    def transposed_times(self, Q: FloatArray, /) -> FloatArray:
+        """The product of its transpose with Q (M, k)."""
+
+    def dense(self) -> FloatArray:
+        """The whole matrix; asked for where it is small."""
+
+
+@dataclass(frozen=True)
+class Dense:
+    """A matrix that is there as a whole."""
+
+    values: FloatArray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(M, N)."""
+        return self.values.shape[0], self.values.shape[1]
+
+    def times(self, V: FloatArray) -> FloatArray:
+        """Its product with V (N, k)."""
+        return self.values @ V
+
+    def transposed_times(self, Q: FloatArray) -> FloatArray:
+        """The product of its transpose with Q (M, k)."""
+        return self.values.T @ Q
+
+    def dense(self) -> FloatArray:
+        """The values."""
+        return self.values
+
+
 def leading_singular(
-    H: FloatArray, count: int, start: FloatArray | None = None
+    H: Matrix, count: int, start: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Leading singular vectors and values U (M, k), s (k,), V^T (k, N) of a matrix, k >= count where there are as many.
 
@@ -21,12 +65,12 @@ def leading_singular(
     """
     width = count + _OVERSAMPLING
     if min(H.shape) <= 2 * width:
-        return _svd(H)
+        return _svd(H.dense())
     Q = _chirps(H.shape[1], width) if start is None else start
     for _ in range(_ROUNDS if start is None else 1):
-        Q, _ = np.linalg.qr(H @ Q)
-        Q, _ = np.linalg.qr(H.T @ Q)
-    U, s, W = _svd(H @ Q)
+        Q, _ = np.linalg.qr(H.times(Q))
+        Q, _ = np.linalg.qr(H.transposed_times(Q))
+    U, s, W = _svd(H.times(Q))
     return U, s, W @ Q.T
 
 

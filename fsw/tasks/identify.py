@@ -9,29 +9,14 @@ from numpy.typing import NDArray
 
 from fault.modes import measures
 from fsw.modal.breaks import last_break
+from fsw.modal.channels import Channels, chosen
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult, Mode, Options, Record
+from fsw.modal.tracking import SAME_FREQUENCY, Holders, assign_slots
 from fsw.tables.flight import IdentifyTable
+from fsw.tasks.estimate_board import show
 from fsw.tasks.state import Estimate, State
-from telemetry.dictionary import (
-    AMPLITUDE_COHERENCE,
-    AMPLITUDE_MM,
-    DAMPING_RATIO,
-    DAMPING_RATIO_SIGMA,
-    ESTIMATE_FLAGS,
-    ESTIMATE_TICK,
-    ESTIMATE_TIME_US,
-    FREQUENCY_HZ,
-    FREQUENCY_JUMP,
-    FREQUENCY_SIGMA_HZ,
-    FREQUENCY_UNCERTAINTY,
-    IDENTIFIED_FLAGS,
-    MODE_COUNT,
-    MODE_SLOTS,
-    OBSERVABLE,
-    RECORD_SAMPLES,
-    flag_bits,
-)
+from telemetry.dictionary import MODE_SLOTS
 from telemetry.events import IDENTIFICATION_FAILED
 from wingbeat.errors import InputError
 
@@ -41,9 +26,7 @@ LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to t
 LONG_GAP_TICKS = 15  # a cell hidden for longer is left out, if enough cells were not
 LEAST_WHOLE = 0.3  # share of the cells that are enough
 LOOK_BACK_TICKS = 90  # newest samples that are searched for a break of the motion
-SAME_FREQUENCY = 0.005  # share by which a mode's frequency may differ from one estimate to the next
 UNCONFIRMED = "unconfirmed"  # flag of a mode that was not found before
-SAME_MODE = 0.1  # frequencies that differ by a smaller share may be those of one mode, in two estimates
 
 
 class Identify:
@@ -56,11 +39,14 @@ class Identify:
         count = state.tracker.grid.count
         self._time_ns = np.zeros(table.history_ticks, np.int64)
         self._time_s: NDArray[np.float64] = np.zeros(table.history_ticks)
-        self._xyz_mm = np.zeros((table.history_ticks, count, 3))
+        self._xyz_mm = np.zeros((table.history_ticks, count, 3), np.float32)
         self._samples = self._tick = self._taken_ns = 0
         self._result: ModalResult | None = None
         self._failed = False
         self._cells = np.zeros(0, np.int64)
+        self._slots: tuple[int, ...] = ()
+        self._holders: Holders = (None,) * MODE_SLOTS  # of the slots, after the latest estimate delivered
+        self._next_holders: Holders = self._holders
         self._known: list[Mode] = []  # of the latest estimate that had any with nothing against them
         self._since_ns = LONG_AGO_NS  # a sample before this time belongs to a motion that has ended
 
@@ -87,7 +73,9 @@ class Identify:
     def init(self) -> None:
         """Identify a short made-up decay, so that libraries and kernels are ready."""
         t = np.linspace(0.0, 0.1 * self._table.least_ticks, self._table.least_ticks)
-        identify(t, (np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.ones(4), "decay", self._options)
+        y = ((np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.linspace(0.5, 1.0, 90)).astype(np.float32)
+        y[1, 1] = NAN
+        identify(t, y, "decay", self._options, overwrite=True)
 
     def take(self, tick: int) -> bool:
         """Copy the history; False while it is too short, or nothing is measured."""
@@ -97,8 +85,8 @@ class Identify:
         self._samples = min(len(state.history_time_ns), self._table.history_ticks)
         if self._samples < self._table.least_ticks:
             return False
-        np.copyto(self._time_ns[: self._samples], state.history_time_ns.latest(self._samples))
-        np.copyto(self._xyz_mm[: self._samples], state.history_xyz_mm.latest(self._samples))
+        state.history_time_ns.copy_latest(self._time_ns[: self._samples])
+        state.history_mm.copy_latest(self._xyz_mm[: self._samples])
         self._tick, self._taken_ns = tick, state.time_ns
         return True
 
@@ -106,6 +94,7 @@ class Identify:
         """Identify the copied record. A record that no mode can be found in is no reason to stop flying."""
         try:
             self._result, self._failed = self._identify(), False
+            self._assign()
         except (InputError, np.linalg.LinAlgError):
             self._result, self._failed = None, True
 
@@ -117,31 +106,45 @@ class Identify:
         ticks = np.isfinite(xyz[:, :, 0]).any(axis=1) & (time_ns >= self._since_ns)
         if np.count_nonzero(ticks) < self._table.least_ticks:
             return None
-        time_ns, xyz = time_ns[ticks], xyz[ticks]
-        if start := self._break(time_ns, xyz):
-            time_ns, xyz = time_ns[start:], xyz[start:]
-            self._since_ns = int(time_ns[0])
-            if len(time_ns) < self._table.least_ticks:
-                extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
-                return ModalResult([], ["short_record"], extent, "decay")
-        self._cells = cells_to_use(np.isfinite(xyz[:, :, 0]))
+        if start := self._break(time_ns, xyz, np.flatnonzero(ticks)):
+            ticks[:start] = False
+            self._since_ns = int(time_ns[start])
+        time_ns = time_ns[ticks]
+        if start and len(time_ns) < self._table.least_ticks:
+            extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
+            return ModalResult([], ["short_record"], extent, "decay")
+        self._cells = cells_to_use(np.isfinite(xyz[ticks, :, 0]))
         if len(self._cells) == 0:
             return None
-        y = xyz[:, self._cells].reshape(len(xyz), -1)
-        time_s = self._time_s[: len(xyz)]
+        channels = np.repeat(np.isin(np.arange(xyz.shape[1]), self._cells), xyz.shape[2])
+        # The copy is used up: nothing of the size of the record is made beside it.
+        y = chosen(xyz.reshape(len(xyz), -1), ticks, channels, overwrite=True)
+        time_s = self._time_s[: len(y)]
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
-        result = identify(time_s, y, self._table.kind, self._options)
+        result = identify(time_s, y, self._table.kind, self._options, overwrite=True)
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
 
-    def _break(self, time_ns: NDArray[np.int64], xyz: NDArray[np.float64]) -> int:
-        """Index of the first sample after a break of the motion, by what is known of it; 0 if there is none."""
+    def _assign(self) -> None:
+        """Find the slots of the modes, by shapes over all cells; they hold once the estimate is delivered."""
+        modes = []
+        for mode in self._result.modes if self._result is not None else ():
+            shape = np.full(self._xyz_mm.shape[1:], np.nan, np.complex128)
+            shape[self._cells] = mode.shape.reshape(-1, 3)
+            modes.append(replace(mode, shape=shape.ravel()))
+        self._slots, self._next_holders = assign_slots(modes, self._holders)
+
+    def _break(self, time_ns: NDArray[np.int64], xyz: Channels, measured: NDArray[np.int64]) -> int:
+        """Index of the first sample after a break of the motion, by what is known of it; 0 if there is none.
+
+        measured: indices of the samples that count.
+        """
         if not self._known:
             return 0
         poles = [pole_of(mode) for mode in self._known]
-        first = max(len(time_ns) - LOOK_BACK_TICKS, 0)
-        recent = xyz[first:]
-        start = last_break((time_ns[first:] - time_ns[first]) * 1e-9, recent.reshape(len(recent), -1), poles)
-        return first + start if start else 0
+        newest = measured[-LOOK_BACK_TICKS:]
+        recent = xyz[newest].reshape(len(newest), -1)
+        start = last_break((time_ns[newest] - time_ns[newest[0]]) * 1e-9, recent, poles)
+        return int(newest[start]) if start else 0
 
     @property
     def _settled(self) -> bool:
@@ -168,7 +171,9 @@ class Identify:
         modes = confirmed(self._result.modes, [*witnesses, *self._known])
         if self._settled:
             self._known = [mode for mode in modes if mode.valid] or self._known
-        state.estimate = Estimate(replace(self._result, modes=modes), self._cells, self._tick, self._taken_ns)
+        self._holders = self._next_holders
+        result = replace(self._result, modes=modes)
+        state.estimate = Estimate(result, self._cells, self._tick, self._taken_ns, self._slots)
         state.new_estimate = True
         show(state, state.estimate, before)
 
@@ -207,43 +212,3 @@ def confirmed(modes: Sequence[Mode], before: Sequence[Mode]) -> list[Mode]:
         else replace(mode, valid=False, flags=sorted({*mode.flags, UNCONFIRMED}))
         for mode in modes
     ]
-
-
-def show(state: State, estimate: Estimate, before: Estimate | None = None) -> None:
-    """Put an estimate's values on the board; whether they are valid is for protect to say.
-
-    before: the estimate delivered before, to which its frequencies are compared.
-    """
-    state.shown = estimate
-    known = before.result.valid_modes if before else []
-    board, result = state.board, estimate.result
-    board.set(ESTIMATE_TICK, estimate.tick)
-    board.set(ESTIMATE_TIME_US, estimate.time_ns // 1000)
-    board.set(MODE_COUNT, len(result.modes))
-    board.set(RECORD_SAMPLES, result.record.samples)
-    board.set(ESTIMATE_FLAGS, flag_bits(result.flags))
-    board.set(OBSERVABLE, 0.0 if "not_observable" in result.flags else 1.0)
-    for slot in range(MODE_SLOTS):
-        mode = result.modes[slot] if slot < len(result.modes) else None
-        board.set(FREQUENCY_HZ, mode.frequency_hz if mode else NAN, slot)
-        board.set(FREQUENCY_SIGMA_HZ, mode.frequency_sigma_hz if mode else NAN, slot)
-        board.set(DAMPING_RATIO, mode.damping_ratio if mode else NAN, slot)
-        board.set(DAMPING_RATIO_SIGMA, mode.damping_ratio_sigma if mode else NAN, slot)
-        board.set(AMPLITUDE_MM, mode.amplitude if mode else NAN, slot)
-        board.set(AMPLITUDE_COHERENCE, mode.amplitude_coherence if mode else NAN, slot)
-        board.set(IDENTIFIED_FLAGS, flag_bits(mode.flags) if mode else NAN, slot)
-        board.set(FREQUENCY_UNCERTAINTY, mode.frequency_sigma_hz / mode.frequency_hz if mode else NAN, slot)
-        board.set(FREQUENCY_JUMP, frequency_jump(mode, known) if mode else NAN, slot)
-
-
-def frequency_jump(mode: Mode, before: Sequence[Mode]) -> float:
-    """Change of a frequency against the nearest of the modes before, beyond 3 sigma of both, as a share of it.
-
-    0 where none of them may be the same mode.
-    """
-    near = [other for other in before if abs(other.frequency_hz - mode.frequency_hz) < SAME_MODE * mode.frequency_hz]
-    if not near:
-        return 0.0
-    nearest = min(near, key=lambda other: abs(other.frequency_hz - mode.frequency_hz))
-    sigma_hz = math.hypot(mode.frequency_sigma_hz, nearest.frequency_sigma_hz)
-    return max(0.0, abs(mode.frequency_hz - nearest.frequency_hz) - 3.0 * sigma_hz) / mode.frequency_hz

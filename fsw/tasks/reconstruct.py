@@ -36,7 +36,7 @@ class Reconstruct:
             for point in (MATCHED, REPROJECTION_RMS_PX, EPIPOLAR_RMS_PX):
                 state.board.set(point, NAN)
         state.history_time_ns.push(time_ns)
-        state.history_xyz_mm.push(self._row)
+        state.history_mm.push(self._row)
 
     def _points(self) -> None:
         state, table = self._state, self.table

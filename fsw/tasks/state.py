@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fault.modes import Cause
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
-from fsw.modal.result import ModalResult
+from fsw.modal.result import ModalResult, Mode
 from fsw.tasks.event_queue import EventQueue
 from fsw.vision.tracking import Tracker
 from telemetry.board import Board, EventRecord
@@ -31,12 +32,20 @@ class Pair:
 
 @dataclass
 class Estimate:
-    """A delivered identification: the result, the cells (K,) whose x, y, z were its channels, its newest frame."""
+    """A delivered identification: the result, the cells (K,) whose x, y, z were its channels, its newest frame.
+
+    slots: of each of its modes; a mode keeps its slot from one estimate to the next.
+    """
 
     result: ModalResult
     cells: NDArray[np.int64]
     tick: int
     time_ns: int
+    slots: tuple[int, ...]
+
+    def in_slot(self, slot: int) -> Mode | None:
+        """The mode in a slot; None if that is empty."""
+        return self.result.modes[self.slots.index(slot)] if slot in self.slots else None
 
 
 @dataclass
@@ -46,7 +55,7 @@ class State:
     tracker: Tracker
     pair: Pair
     history_time_ns: Ring  # (ticks,)
-    history_xyz_mm: Ring  # (ticks, N, 3), NaN where a cell was not measured
+    history_mm: Displacements  # (ticks, N, 3), NaN where a cell was not measured
     board: Board = field(default_factory=Board)
     tick: int = 0
     time_ns: int = 0
@@ -70,7 +79,7 @@ class State:
         """Forget the displacements: what comes now does not belong to them."""
         count = len(self.history_time_ns)
         self.history_time_ns.clear()
-        self.history_xyz_mm.clear()
+        self.history_mm.clear()
         if count:
             self.raise_event(HISTORY_CLEARED, count)
 

@@ -1,12 +1,13 @@
 """What the camera's rate asks for: 918 channels at 46 Hz, identified on the newest seconds of the history."""
 
 import time
+import tracemalloc
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fsw.memory.ring import Ring
+from fsw.memory.displacements import Displacements
 from fsw.modal.pipeline import identify
 from sim.bench.modal_bounds import cramer_rao
 from sim.bench.modal_records import ON_BOARD, free_decay
@@ -14,14 +15,15 @@ from sim.bench.modal_scores import Found, Score
 from sim.bench.table import Row
 
 _DURATIONS_S = (6.0, 10.0)
+_MISSING = (0.0, 0.02)
 
 
 def cases(runs: int, seed: int) -> list[Callable[[], Sequence[Row]]]:
-    """One case a length of the history, and one of what each frame costs."""
+    """One case a length of the history, and what is kept in memory, with all cells measured and with some missing."""
     lengths: list[Callable[[], Sequence[Row]]] = [
         lambda d=duration_s: _identified(d, range(seed, seed + runs)) for duration_s in _DURATIONS_S
     ]
-    return [*lengths, lambda: [_frames(seed)]]
+    return [*lengths, *(lambda share=share: [kept(seed, share)] for share in _MISSING)]
 
 
 def _identified(duration_s: float, seeds: Sequence[int]) -> list[Row]:
@@ -39,21 +41,41 @@ def _identified(duration_s: float, seeds: Sequence[int]) -> list[Row]:
     return score.rows("on_board", "wingbeat", f"{duration_s:.0f} s")
 
 
-def _frames(seed: int) -> Row:
-    """Processor time of taking a frame into the history, and the history's size."""
+def kept(seed: int, missing: float) -> Row:
+    """Processor time of taking a frame into the history, and all memory of history and identification.
+
+    missing: share of the cells that are not measured in a tick.
+    """
     modes, rate_hz, points, noise_mm = ON_BOARD
     time_s = np.arange(round(_DURATIONS_S[-1] * rate_hz)) / rate_hz
     record = free_decay(modes, time_s, points, noise_mm, seed, axes=slice(0, 3))
-    ring = Ring(len(time_s), (record.noisy.shape[1],), np.float64)
+    xyz = np.moveaxis(record.noisy.reshape(len(time_s), 3, -1), 1, 2).copy()
+    xyz[np.random.default_rng(seed).uniform(size=xyz.shape[:2]) < missing] = np.nan
+    history = Displacements(*xyz.shape[:2])
     costs = []
-    for row in record.noisy:
+    for row in xyz:
         start = time.thread_time()
-        ring.push(row)
+        history.push(row)
         costs.append(time.thread_time() - start)
+    # What the task identify sets aside, and uses up.
+    copy = np.zeros(xyz.shape, np.float32)
+    history.copy_latest(copy)
+    y = copy.reshape(len(copy), -1)
+    with threadpool_limits(limits=1):
+        identify(time_s, y.copy(), overwrite=True)
+        tracemalloc.start()
+        try:
+            identify(time_s, y, overwrite=True)
+            work = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
     return {
         "table": "on_board",
         "method": "wingbeat",
-        "case": "a frame into the history",
-        "cpu_ms": 1e3 * float(np.median(costs)),
-        "history_mib": 2 * record.noisy.nbytes / 2**20,
+        "case": f"memory, {100.0 * missing:.0f} % of the cells missing",
+        "push_cpu_ms": 1e3 * float(np.median(costs)),
+        "history_mb": history.nbytes / 1e6,
+        "copy_mb": copy.nbytes / 1e6,
+        "work_peak_mb": work / 1e6,
+        "state_mb": (history.nbytes + copy.nbytes + work) / 1e6,
     }

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from fsw.geometry import make_prior, make_rig, make_wing_grid
+from fsw.memory.displacements import Displacements
 from fsw.memory.ring import Ring
 from fsw.tables.checks import load_hardware
 from fsw.tables.flight import VisionTable, load_flight
@@ -67,8 +68,8 @@ class Stand:
         self._limits = threadpool_limits(limits=1)
         self.rig, self.grid, self.prior = make_rig(cameras), make_wing_grid(wing), make_prior(wing)
         self.table: VisionTable = load_flight().vision
-        ring = Ring(2, (), np.int64), Ring(2, (self.grid.count, 3))
-        self.state = State(Tracker(self.rig, self.grid, TrackingOptions()), Pair(*pair), *ring)
+        history = Ring(2, (), np.int64), Displacements(2, self.grid.count)
+        self.state = State(Tracker(self.rig, self.grid, TrackingOptions()), Pair(*pair), *history)
         self.state.mode = FlightMode.TRACK
         self.tracker = self.state.tracker
         self.tracker.place(self.prior.rotation, self.prior.translation_mm)

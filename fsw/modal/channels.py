@@ -1,0 +1,97 @@
+"""Records of many channels in single or double precision: products and choices that need little memory beside them.
+
+Products are made block by block in double precision: a record of 918 channels is never copied as a whole.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Channels = NDArray[np.floating[Any]]
+
+# Ticks, or channels, of a block.
+_BLOCK = 16
+
+
+def blocks(length: int) -> Iterator[slice]:
+    """Slices of a block each that cover 0 to length."""
+    for begin in range(0, length, _BLOCK):
+        yield slice(begin, min(begin + _BLOCK, length))
+
+
+def times(y: Channels, V: FloatArray) -> FloatArray:
+    """y V (T, k) of channels (T, L) and V (L, k)."""
+    product = np.empty((len(y), V.shape[1]))
+    for part in blocks(len(y)):
+        np.matmul(y[part].astype(np.float64, copy=False), V, out=product[part])
+    return product
+
+
+def transposed_times(y: Channels, Q: FloatArray) -> FloatArray:
+    """y^T Q (L, k) of channels (T, L) and Q (T, k)."""
+    product = np.zeros((y.shape[1], Q.shape[1]))
+    for part in blocks(len(y)):
+        product += y[part].astype(np.float64, copy=False).T @ Q[part]
+    return product
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """The matrix of channels y (T, L), each divided by its scale (L,)."""
+
+    y: Channels
+    scale: FloatArray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(T, L)."""
+        return len(self.y), len(self.scale)
+
+    def times(self, V: FloatArray) -> FloatArray:
+        """Its product with V (L, k)."""
+        return times(self.y, V / self.scale[:, None])
+
+    def transposed_times(self, Q: FloatArray) -> FloatArray:
+        """The product of its transpose with Q (T, k)."""
+        return transposed_times(self.y, Q) / self.scale[:, None]
+
+    def dense(self) -> FloatArray:
+        """The whole matrix."""
+        return np.asarray(self.y / self.scale, np.float64)
+
+
+def power(y: Channels) -> FloatArray:
+    """Sum of squares (L,) of each channel."""
+    total = np.zeros(y.shape[1])
+    for part in blocks(len(y)):
+        block = y[part].astype(np.float64, copy=False)
+        total += np.einsum("ij,ij->j", block, block)
+    return total
+
+
+def amplitude_spectrum(y: Channels) -> FloatArray:
+    """Rms over the channels (T, L) of their amplitudes at frequencies 0, 1 / T, ..., under Hann's window."""
+    window = np.hanning(len(y))
+    total = np.zeros(len(y) // 2 + 1)
+    for part in blocks(y.shape[1]):
+        spectrum = np.fft.rfft(y[:, part].T * window, axis=1)
+        total += np.sum(spectrum.real**2 + spectrum.imag**2, axis=0)
+    return np.sqrt(total / y.shape[1]) * 2.0 / float(window.sum())
+
+
+def chosen(y: Channels, ticks: NDArray[np.bool_], channels: NDArray[np.bool_], overwrite: bool = False) -> Channels:
+    """y[ticks][:, channels] of its own; overwrite: in the memory of y, which must be contiguous."""
+    if not overwrite:
+        return y[np.ix_(ticks, channels)]
+    if ticks.all() and channels.all():
+        return y
+    count, width = np.count_nonzero(ticks), np.count_nonzero(channels)
+    packed = y.reshape(-1)[: count * width].reshape(count, width)
+    # A row moves towards the front, over what was moved already.
+    for place, tick in enumerate(np.flatnonzero(ticks)):
+        packed[place] = y[tick, channels]
+    return packed

@@ -1,0 +1,114 @@
+"""What flying asks of the identification: single precision, little memory, nothing lost by either."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fsw.modal.channels import Scaled, amplitude_spectrum, chosen, power
+from fsw.modal.gaps import fill_in_time, fill_through
+from fsw.modal.pipeline import identify
+from fsw.modal.realisation import BlockHankel, block_hankel
+from sim.bench.modal_on_board import kept
+from sim.bench.modal_records import ON_BOARD, flight, free_decay
+
+
+def _on_board(seconds, seed):
+    modes, rate_hz, points, noise_mm = ON_BOARD
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    return time_s, free_decay(modes, time_s, points, noise_mm, seed, axes=slice(0, 3)).noisy
+
+
+@pytest.mark.requirement("WB-MOD-09")
+@pytest.mark.parametrize("record", [_on_board(6.0, 1), flight(300, 1, noise_mm=0.004)], ids=["918 channels", "quiet"])
+def test_single_precision_moves_nothing_by_more_than_a_hundredth_of_its_sigma(record):
+    time_s, y = record
+    double, single = identify(time_s, y), identify(time_s, y.astype(np.float32))
+    assert double.valid_modes and [m.flags for m in double.modes] == [m.flags for m in single.modes]
+    for a, b in zip(double.valid_modes, single.valid_modes, strict=True):
+        assert abs(a.frequency_hz - b.frequency_hz) < 0.01 * a.frequency_sigma_hz
+        assert abs(a.damping_ratio - b.damping_ratio) < 0.01 * a.damping_ratio_sigma
+
+
+def test_using_up_the_record_changes_nothing_but_the_record():
+    time_s, y = flight(200, 3)
+    y[50:60] = np.nan  # ticks and a channel that are left out
+    y[:, 7] = np.nan
+    before = y.copy()
+    plain = identify(time_s, y)
+    assert np.array_equal(y, before, equal_nan=True)
+    used = identify(time_s, y, overwrite=True)
+    assert not np.array_equal(y, before, equal_nan=True)
+    for a, b in zip(plain.modes, used.modes, strict=True):
+        assert (a.frequency_hz, a.damping_ratio, a.flags) == (b.frequency_hz, b.damping_ratio, b.flags)
+        assert np.array_equal(a.shape, b.shape, equal_nan=True)
+
+
+@pytest.mark.requirement("WB-MOD-09")
+@pytest.mark.parametrize("missing", [0.0, 0.02])
+def test_all_that_history_and_identification_hold_is_less_than_five_megabytes(missing):
+    row = kept(1, missing)
+    assert row["state_mb"] < 5.0 and row["push_cpu_ms"] < 0.1
+
+
+@settings(deadline=None)
+@given(st.integers(1, 90), st.integers(1, 40), st.integers(0, 100))
+def test_rows_and_columns_chosen_in_place_are_those_of_a_copy(ticks, width, seed):
+    rng = np.random.default_rng(seed)
+    y = rng.standard_normal((ticks, width)).astype(np.float32)
+    rows, columns = rng.uniform(size=ticks) < 0.7, rng.uniform(size=width) < 0.7
+    expected = y[np.ix_(rows, columns)]
+    assert np.array_equal(chosen(y, rows, columns), expected)
+    packed = chosen(y, rows, columns, overwrite=True)
+    assert np.array_equal(packed, expected) and np.shares_memory(packed, y) == (packed.size > 0)
+
+
+@given(st.integers(1, 90), st.integers(1, 70), st.integers(0, 100))
+def test_products_by_blocks_are_those_of_the_whole(ticks, width, seed):
+    rng = np.random.default_rng(seed)
+    y, scale = rng.standard_normal((ticks, width)), rng.uniform(0.5, 2.0, width)
+    V, Q = rng.standard_normal((width, 3)), rng.standard_normal((ticks, 3))
+    scaled = Scaled(y, scale)
+    assert np.allclose(scaled.times(V), y / scale @ V) and np.allclose(scaled.transposed_times(Q), (y / scale).T @ Q)
+    assert np.allclose(scaled.dense(), y / scale) and np.allclose(power(y), np.sum(y**2, axis=0))
+    h = rng.standard_normal((9, 2, 3))
+    H, dense = BlockHankel(h, 4, 5), block_hankel(h, 4, 5)
+    V, Q = rng.standard_normal((15, 2)), rng.standard_normal((8, 2))
+    assert np.allclose(H.times(V), dense @ V) and np.allclose(H.transposed_times(Q), dense.T @ Q)
+    assert np.array_equal(H.dense(), dense)
+
+
+def test_the_spectrum_shows_a_sine_at_its_amplitude():
+    t = np.arange(400) / 20.0
+    y = 3.0 * np.sin(2.0 * np.pi * 2.0 * t)[:, None] * np.ones(70)
+    spectrum = amplitude_spectrum(y)
+    assert spectrum[40] == pytest.approx(3.0, rel=1e-3) and spectrum[45:].max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_gaps_are_filled_by_least_squares_on_what_is_there(kind):
+    rng = np.random.default_rng(2)
+    ticks, width, rank = 30, 50, 3
+    V, _ = np.linalg.qr(rng.standard_normal((width, rank)))
+    scale, a = rng.uniform(0.5, 2.0, width), rng.standard_normal((ticks, rank))
+    true = a @ V.T * scale
+    y = (true - true.mean(axis=0)).astype(kind)
+    true = y.astype(np.float64)
+    present = rng.uniform(size=y.shape) < 0.8
+    present[3] = False  # a tick that tells nothing
+    y[~present] += rng.standard_normal(np.count_nonzero(~present)).astype(kind)
+    scaled = Scaled(y, scale)
+    for _ in range(40):  # each round leaves a small share of what the guess was off by
+        fill_through(scaled, present, signals := scaled.times(V), V)
+    rest = np.arange(ticks) != 3
+    off = y[rest] - true[rest]
+    off -= off.mean(axis=0)  # what a constant takes, the mean takes
+    assert np.abs(off).max() < (1e-4 if kind is np.float32 else 1e-6)
+    assert np.allclose((signals @ V.T * scale)[~present], y[~present], atol=1e-5)
+
+
+def test_the_first_guess_of_a_gap_is_linear_in_time_and_constant_at_the_ends():
+    stamps = np.array([0.0, 1.0, 2.0, 4.0, 5.0])
+    y = np.array([[np.nan, 1.0], [3.0, np.nan], [np.nan, np.nan], [9.0, 5.0], [np.nan, 5.0]])
+    fill_in_time(stamps, y, np.isfinite(y))
+    assert np.allclose(y, [[3.0, 1.0], [3.0, 2.0], [5.0, 3.0], [9.0, 5.0], [9.0, 5.0]])
