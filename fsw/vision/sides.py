@@ -3,9 +3,11 @@
 import math
 from typing import NamedTuple
 
+from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import (
     BLUR,
     SEGMENTS,
+    WIDTH,
     FloatArray,
     Image,
     Scratch,
@@ -13,7 +15,7 @@ from fsw.vision.edges import (
     gather,
 )
 from fsw.vision.rig import distort_point
-from fsw.vision.templates import sum_columns, take_pixels
+from fsw.vision.templates import PROBE_PX, sum_columns, take_pixels
 from wingbeat.kernels import kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
@@ -43,20 +45,23 @@ def fit_segments(
     end: tuple[float, float],
     normal: tuple[float, float],
     window_px: tuple[float, float],
-    width_px: float,
+    widths_px: tuple[float, float],
     width_row: int,
     sign: float,
     stride: int,
     scratch: Scratch,
-) -> tuple[int, int, float]:
-    """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast."""
+) -> tuple[int, int, float, float]:
+    """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast.
+
+    And the mean of what a wider line would change (see EdgeFit). widths_px: of the line, at both ends; 0: none.
+    """
     blur = lens.blur_px
     length = math.hypot(end[0] - start[0], end[1] - start[1])
     inset = min(0.25 * length, max(3.0 * blur + 1.0, 0.06 * length))
     pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
-    found, contrast = 0, 0.0
+    found, contrast, pull = 0, 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
         f1 = (inset + (length - 2.0 * inset) * (piece + 1) / pieces) / length
@@ -73,21 +78,31 @@ def fit_segments(
         gain = gain_y if vertical else gain_x
         ends = ((x0, y0), (x1, y1))
         whole = gather(image, ends, gain, vertical, window_px, stride, scratch)
-        width = width_px
-        if not whole and width_px > 0.0:
+        width = widths_px[0] + 0.5 * (f0 + f1) * (widths_px[1] - widths_px[0])
+        if not whole and width > 0.0:
             # The line's far side may lie outside the image: judge by its near side alone.
-            near = (window_px[0], max(width_px - 1.5 * blur, 0.5 * width_px))
+            near = (window_px[0], max(width - 1.5 * blur, 0.5 * width))
             gather(image, ends, gain, vertical, near, stride, scratch)
             width = 0.0
-        fit = fit_profile(scratch, lens.step, width, blur, width_row)
+        fit = fit_profile(scratch, lens.step, width, blur)
         step = sign * (fit.line - fit.inside)
         if fit.good and step > MIN_CONTRAST and fit.residual < NOISE_GATE * step:
             scratch.segments[found, 0] = 0.5 * (f0 + f1) - 0.5
             scratch.segments[found, 1] = fit.offset_px
             scratch.segments[found, 2] = fit.variance_px2 + 1e-8
             contrast += step
+            pull += fit.pull_px
+            _pool(scratch, width_row)
             found += 1
-    return pieces, found, contrast / max(found, 1)
+    return pieces, found, contrast / max(found, 1), pull / max(found, 1)
+
+
+@kernel
+def _pool(scratch: Scratch, width_row: int) -> None:
+    """Add what the last edge says of blur and width to what all do."""
+    for i in range(2):
+        scratch.pooled[BLUR, i] += scratch.fresh[BLUR, i]
+        scratch.pooled[width_row, i] += scratch.fresh[WIDTH, i]
 
 
 @kernel
@@ -119,7 +134,7 @@ def match_segments(
     vertical = abs(gain_y) > abs(gain_x)
     gain = gain_y if vertical else gain_x
     rising = sign if gain > 0.0 else -sign  # of the step along the image's axis, where cell and line are as expected
-    farthest = lens.blur_px
+    farthest, lens_px = lens.blur_px, math.sqrt(lens.blur_px**2 - PIXEL_VARIANCE)
     found, contrast = 0, 0.0
     x1, y1 = 0.0, 0.0
     for piece in range(pieces + 1):
@@ -145,9 +160,9 @@ def match_segments(
         segments[found, 0] = inset + (1.0 - 2.0 * inset) * (piece - 0.5) / pieces - 0.5
         segments[found, 1] = min(max(away, -farthest), farthest)
         segments[found, 2] = gain * gain * max(variance, 0.0) + 1e-8
-        if abs(away) < lens.blur_px:
+        if abs(away) < PROBE_PX:
             # To second order a shift looks like blur: the change with blur is blur times the second derivative.
-            scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens.blur_px)
+            scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens_px)
             scratch.pooled[BLUR, 1] += blur_den
         contrast += step
         found += 1
