@@ -42,7 +42,7 @@ class Scratch(NamedTuple):
     normal: FloatArray  # (4, 4) normal equations
     right: FloatArray  # (4,) and their right side
     width: FloatArray  # (4,) and how the line's width is coupled to their unknowns
-    segments: FloatArray  # (SEGMENTS, 3) place along the side (-0.5 .. 0.5), offset, variance
+    segments: FloatArray  # (SEGMENTS, 4) place along the side (-0.5 .. 0.5), offset, variance, and that of unit noise
     fresh: FloatArray  # (2, 2) numerator and denominator of the steps of BLUR and WIDTH, of the last edge fitted,
     pooled: FloatArray  # (3, 2) and of BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y, of all edges that were good
     templates: Templates
@@ -53,7 +53,7 @@ def make_scratch() -> Scratch:
     total, place, square, number = np.zeros((4, BINS))
     right, width = np.zeros((2, 4))
     fit = total, place, square, number, np.zeros((4, 4)), right, width
-    return Scratch(*fit, np.zeros((SEGMENTS, 3)), np.zeros((2, 2)), np.zeros((3, 2)), make_templates())
+    return Scratch(*fit, np.zeros((SEGMENTS, 4)), np.zeros((2, 2)), np.zeros((3, 2)), make_templates())
 
 
 class EdgeFit(NamedTuple):

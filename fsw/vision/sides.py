@@ -25,6 +25,8 @@ LEAST_COLUMNS = 6  # of a segment matched by templates
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
 UNEXPLAINED = 3.0  # a straight side's chi-square by its degrees of freedom: more is not the noise's
+NOISIER = 4.0  # times the variance of the quietest segment: luck does not reach so far, a glint or a shadow does
+LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
 
 
@@ -89,11 +91,13 @@ def fit_segments(
         if fit.good and step > MIN_CONTRAST and fit.residual < NOISE_GATE * step:
             scratch.segments[found, 0] = 0.5 * (f0 + f1) - 0.5
             scratch.segments[found, 1] = fit.offset_px
-            scratch.segments[found, 2] = fit.variance_px2 + 1e-8
+            scratch.segments[found, 2] = fit.variance_px2
+            scratch.segments[found, 3] = fit.variance_px2 / fit.residual**2 if fit.residual > 0.0 else 0.0
             contrast += step
             pull += fit.pull_px
             _pool(scratch, width_row)
             found += 1
+    _share_noise(scratch.segments, found)
     return pieces, found, contrast / max(found, 1), pull / max(found, 1)
 
 
@@ -159,14 +163,36 @@ def match_segments(
         away = gain * shift
         segments[found, 0] = inset + (1.0 - 2.0 * inset) * (piece - 0.5) / pieces - 0.5
         segments[found, 1] = min(max(away, -farthest), farthest)
-        segments[found, 2] = gain * gain * max(variance, 0.0) + 1e-8
+        segments[found, 2] = gain * gain * max(variance, 0.0)
+        segments[found, 3] = gain * gain / sbb
         if abs(away) < PROBE_PX:
             # To second order a shift looks like blur: the change with blur is blur times the second derivative.
             scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens_px)
             scratch.pooled[BLUR, 1] += blur_den
         contrast += step
         found += 1
+    _share_noise(segments, found)
     return pieces, found, contrast / max(found, 1)
+
+
+@kernel
+def _share_noise(segments: FloatArray, count: int) -> None:
+    """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
+
+    A segment has too few columns to tell its noise: what is quiet by luck would weigh too much, and seem too good.
+    """
+    quietest = math.inf
+    for i in range(count):
+        quietest = min(quietest, segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0)
+    total, alike = 0.0, 0
+    for i in range(count):
+        if segments[i, 2] <= NOISIER * quietest * segments[i, 3]:
+            total += segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0
+            alike += 1
+    for i in range(count):
+        if segments[i, 2] <= NOISIER * quietest * segments[i, 3]:
+            segments[i, 2] = segments[i, 3] * total / alike
+        segments[i, 2] += LEAST_VARIANCE
 
 
 @kernel
