@@ -14,6 +14,7 @@ STEP_REACH_PX = 8.0
 STEP_PER_PX = 64
 STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
 _PIXEL = 0.5  # half of the pixel over which the sensor averages
+PIXEL_VARIANCE = 1.0 / 12.0  # of that average: what the sensor adds to the lens's blur
 
 
 @kernel

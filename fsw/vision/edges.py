@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.blur import look_up
+from fsw.vision.blur import PIXEL_VARIANCE, look_up
 from fsw.vision.templates import Templates, make_templates
 from wingbeat.kernels import kernel
 
@@ -28,8 +28,8 @@ SETTLED_PX = 2e-3  # a step shorter than this is the last but one: the next is s
 MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else's
 
 # Rows of Scratch.pooled: Gauss-Newton sums that correct the blur, and the relative width of the lines that run
-# along X (sides 0 and 2) and along Y (sides 1 and 3).
-BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y = 0, 1, 2
+# along X (sides 0 and 2) and along Y (sides 1 and 3). Rows of Scratch.fresh: the same sums of one edge.
+BLUR, WIDTH, WIDTH_ALONG_X, WIDTH_ALONG_Y = 0, 1, 1, 2
 
 
 class Scratch(NamedTuple):
@@ -37,24 +37,30 @@ class Scratch(NamedTuple):
 
     total: FloatArray  # (BINS,) of the pixels in a bin: sum of grey values,
     place: FloatArray  # (BINS,) sum of distances from the expected edge, outwards positive,
+    square: FloatArray  # (BINS,) and of their squares,
     number: FloatArray  # (BINS,) and how many
     normal: FloatArray  # (4, 4) normal equations
     right: FloatArray  # (4,) and their right side
-    segments: FloatArray  # (SEGMENTS, 3) place along the side (-0.5 .. 0.5), offset, variance
-    pooled: FloatArray  # (3, 2) numerator and denominator of the steps of BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y
+    width: FloatArray  # (4,) and how the line's width is coupled to their unknowns
+    segments: FloatArray  # (SEGMENTS, 4) place along the side (-0.5 .. 0.5), offset, variance, and that of unit noise
+    fresh: FloatArray  # (2, 2) numerator and denominator of the steps of BLUR and WIDTH, of the last edge fitted,
+    pooled: FloatArray  # (3, 2) and of BLUR, WIDTH_ALONG_X, WIDTH_ALONG_Y, of all edges that were good
     templates: Templates
 
 
 def make_scratch() -> Scratch:
     """Take the working memory."""
-    total, place, number = np.zeros((3, BINS))
-    return Scratch(
-        total, place, number, np.zeros((4, 4)), np.zeros(4), np.zeros((SEGMENTS, 3)), np.zeros((3, 2)), make_templates()
-    )
+    total, place, square, number = np.zeros((4, BINS))
+    right, width = np.zeros((2, 4))
+    fit = total, place, square, number, np.zeros((4, 4)), right, width
+    return Scratch(*fit, np.zeros((SEGMENTS, 4)), np.zeros((2, 2)), np.zeros((3, 2)), make_templates())
 
 
 class EdgeFit(NamedTuple):
-    """One fitted edge: found at all, offset from the expected place, its variance, grey of cell and line, residual."""
+    """One fitted edge: found at all, offset from the expected place, its variance, grey of cell and line, residual.
+
+    pull_px: by how much the offset would change if the line were wider, per unit of relative width.
+    """
 
     good: bool
     offset_px: float
@@ -62,9 +68,10 @@ class EdgeFit(NamedTuple):
     inside: float
     line: float
     residual: float
+    pull_px: float
 
 
-_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @kernel
@@ -93,19 +100,22 @@ def solve(A: FloatArray, b: FloatArray, n: int) -> bool:
 
 
 @kernel
-def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: float, width_row: int) -> EdgeFit:
+def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: float) -> EdgeFit:
     """Fit cell | line | next cell (width_px > 0) or cell | border (width_px = 0) to the gathered bins.
 
-    step: the table of tabulate_step. blur_px: the whole blur, lens and pixel. width_row: WIDTH_ALONG_X or
-    WIDTH_ALONG_Y, which pooled sum the line's width belongs to.
+    step: the table of tabulate_step. blur_px: the whole blur, lens and pixel. Writes scratch.fresh.
     """
-    total, place, count, A, b = scratch.total, scratch.place, scratch.number, scratch.normal, scratch.right
+    total, place, count = scratch.total, scratch.place, scratch.number
+    A, b, coupled = scratch.normal, scratch.right, scratch.width
+    # Distances differ inside a bin: its mean is seen as if blurred by half their variance over the blur of the lens.
+    wider, lens_px = scratch.square, math.sqrt(blur_px * blur_px - PIXEL_VARIANCE)
     n = 4 if width_px > 0.0 else 3
-    used = 0
+    used, last = 0, n - 1
     for i in range(BINS):  # gather the filled bins at the front, as means
         if count[i] > 0.0:
             c = count[i]
             total[used], place[used], count[used] = total[i] / c, place[i] / c, c
+            wider[used] = max(wider[i] / c - place[used] ** 2, 0.0) / (2.0 * lens_px)
             used += 1
     if used < n + 2:
         return _NO_EDGE
@@ -114,11 +124,10 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
     for turn in range(FIT_STEPS + 1):
         # Parameters: cell, line, (next cell,) offset. At turn 0 the offset is held: grey values alone are found.
         for i in range(n):
-            b[i] = 0.0
+            b[i] = coupled[i] = 0.0
             for j in range(n):
                 A[i, j] = 0.0
-        squares = 0.0
-        blur_num, blur_den, width_num, width_den = 0.0, 0.0, 0.0, 0.0
+        squares, blur_num, blur_den, width_num, width_den = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(used):
             c = count[i]
             x = place[i] - offset
@@ -126,6 +135,7 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
             s2, d2, blur2 = 0.0, 0.0, 0.0
             if n == 4:
                 s2, d2, blur2 = look_up(step, x - width_px)
+            s1, s2 = s1 + wider[i] * blur1, s2 + wider[i] * blur2
             j_inside, j_line, j_beyond = 1.0 - s1, s1 - s2, s2
             j_offset = -((line - inside) * d1 + (beyond - line) * d2)
             r = total[i] - (inside * j_inside + line * j_line + beyond * j_beyond)
@@ -138,9 +148,12 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
                     j_width = -(beyond - line) * d2 * width_px  # per unit of relative width
                     width_num += c * r * j_width
                     width_den += c * j_width * j_width
+                    coupled[0] += c * j_width * j_inside
+                    coupled[1] += c * j_width * j_line
+                    coupled[2] += c * j_width * j_beyond
+                    coupled[3] += c * j_width * j_offset
             if turn == 0:
                 j_offset = 0.0
-            last = n - 1
             A[0, 0] += c * j_inside * j_inside
             A[1, 0] += c * j_line * j_inside
             A[1, 1] += c * j_line * j_line
@@ -157,20 +170,23 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
             b[1] += c * r * j_line
             b[last] += c * r * j_offset
         if turn == 0:
-            A[n - 1, n - 1] = 1.0
+            A[last, last] = 1.0
         if not solve(A, b, n):
             return _NO_EDGE
         if turn == last_turn:
-            scratch.pooled[BLUR, 0] += blur_num
-            scratch.pooled[BLUR, 1] += blur_den
-            scratch.pooled[width_row, 0] += width_num
-            scratch.pooled[width_row, 1] += width_den
+            scratch.fresh[BLUR, 0], scratch.fresh[BLUR, 1] = blur_num, blur_den
+            for i in range(n):
+                for k in range(i):
+                    coupled[i] -= A[i, k] * coupled[k]
+                coupled[i] /= A[i, i]
+                width_den -= coupled[i] ** 2  # what the other unknowns could do instead
+            scratch.fresh[WIDTH, 0], scratch.fresh[WIDTH, 1] = width_num, width_den
             break
         inside += b[0]
         line += b[1]
         if n == 4:
             beyond += b[2]
-        previous = min(max(b[n - 1], -blur_px), blur_px)  # a longer step would leave the slope of the edge
+        previous = min(max(b[last], -blur_px), blur_px)  # a longer step would leave the slope of the edge
         offset += previous
         if turn > 0 and abs(previous) < SETTLED_PX:
             last_turn = turn + 1
@@ -180,7 +196,8 @@ def fit_profile(scratch: Scratch, step: FloatArray, width_px: float, blur_px: fl
         return _NO_EDGE
     residual2 = squares / (used - n)
     # The offset is the last unknown, so its variance is the inverse square of the factor's last pivot.
-    return EdgeFit(True, offset, residual2 / (A[n - 1, n - 1] ** 2), inside, line, math.sqrt(residual2))
+    stiff = A[last, last]
+    return EdgeFit(True, offset, residual2 / stiff**2, inside, line, math.sqrt(residual2), -coupled[last] / stiff)
 
 
 @kernel
@@ -199,10 +216,11 @@ def gather(
     gain: ideal distance from the edge per image pixel along that axis. window_px: reach inwards and outwards.
     Returns whether the window lay inside the image.
     """
-    total, place, count = scratch.total, scratch.place, scratch.number
+    total, place, square, count = scratch.total, scratch.place, scratch.square, scratch.number
     inner_px, outer_px = window_px
     total[:] = 0.0
     place[:] = 0.0
+    square[:] = 0.0
     count[:] = 0.0
     e0, e1 = ends
     along, across = (0, 1) if vertical else (1, 0)
@@ -228,5 +246,6 @@ def gather(
             if 0 <= k < BINS:
                 total[k] += image[c, a] if vertical else image[a, c]
                 place[k] += distance
+                square[k] += distance * distance
                 count[k] += 1.0
     return inside

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
+from fsw.vision.perspective import corner_depths, line_width, mean_gain
 from fsw.vision.sides import Lens, fit_segments, match_segments, straight_side
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
@@ -16,7 +17,7 @@ WINDOW_PX = 2.0  # ... and this much of the plateau beyond
 RECENTRE_PX = 0.35  # a side found farther off than this is measured again round where it was found
 RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
-FAR_SIGMAS = 1.8  # the far side of a line may come so near to the templates' window
+FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share; what stands in for a hidden side is no better
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
@@ -54,6 +55,7 @@ def measure_cells(
     image: Image,
     lens: Lens,
     expected_px: FloatArray,
+    deviation_px: FloatArray,
     wanted: NDArray[np.bool_],
     line_ratio: FloatArray,
     bordering: NDArray[np.bool_],
@@ -65,18 +67,19 @@ def measure_cells(
 ) -> None:
     """Measure all wanted cells of one image.
 
-    expected_px (N, 4, 2): ideal pixels, right to about the blur. wanted (N,): cells to look for. line_ratio (N, 4):
-    width of the line across each side over the cell's extent across that side (at a border: the panel's usual line).
-    bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the widths along X and along Y.
+    expected_px (N, 4, 2): ideal pixels, right to about the blur. deviation_px (N, 4, 2): what of them is measured, and
+    so has noise that perspective must not be read from. wanted (N,): cells to look for. line_ratio (N, 4): width of
+    the line across each side over the cell's extent across that side, on the wing (at a border: the panel's usual
+    line). bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the widths along X and Y.
     stride: take every so many columns of a side. Results go to `out`. One hidden side (out of view, or under a glint)
     is put where its opposite and the cell's expected size say, with a wider variance; with two, the cell is not found.
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
     for row in range(2):
-        fill_templates(lens.step, lens.blur_px, _gain(expected_px, wanted, row), row, scratch.templates)
-    middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
-    nx, ny, lengths, extents = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+        fill_templates(lens.step, lens.blur_px, mean_gain(expected_px, wanted, row), row, scratch.templates)
+    nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    middle, slope, variance, pull, weight = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
         out.found[n] = out.whole[n] = False
         out.corners_px[n] = np.nan
@@ -87,6 +90,7 @@ def measure_cells(
         if not wanted[n]:
             continue
         c = expected_px[n]
+        corner_depths(c, deviation_px[n], depth)
         hidden, which, squares, contrast = 0, -1, 0.0, 0.0
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
@@ -100,15 +104,19 @@ def measure_cells(
             opposite += 0.5 * ((c[k2, 1] + c[k3, 1] - c[k, 1] - c[k1, 1]) * ny[k])
             extent = -opposite
             lengths[k], extents[k] = length, extent
-            width = line_ratio[n, k] * extent * width_scale[k % 2]
+            # Perspective makes the line wider on a cell's near side than on its far side, and a wedge along it.
+            ratio, scale = line_ratio[n, k], width_scale[k % 2]
+            ahead = scale * line_width(c, depth, k, k3, ratio, nx[k], ny[k])
+            behind = scale * line_width(c, depth, k1, k2, ratio, nx[k], ny[k])
+            width = 0.5 * (ahead + behind)
             reach = WINDOW_SIGMAS * lens.blur_px + WINDOW_PX
             inner = min(reach, 0.45 * extent)
             if bordering[n, k]:
-                outer, bar = min(reach, max(width, 2.5 * lens.blur_px)), 0.0
+                outer, bar = min(reach, max(width, 2.5 * lens.blur_px)), (0.0, 0.0)
             elif width > reach + 3.0 * lens.blur_px:
-                outer, bar = reach, 0.0  # a wide line is a plateau: its far side tells nothing
+                outer, bar = reach, (0.0, 0.0)  # a wide line is a plateau: its far side tells nothing
             else:
-                outer, bar = width + inner, width
+                outer, bar = width + inner, (ahead, behind)
             if inner + outer > BINS * BIN_PX:
                 outer = BINS * BIN_PX - inner
             row = WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y
@@ -116,6 +124,7 @@ def measure_cells(
             half = 0.5 * scratch.templates.taps[k % 2]
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, 0.45 * extent)
             settled = MATCHED_PX if plain else RECENTRE_PX
+            pull[k], weight[k] = 0.0, scratch.pooled[row, 1]
             m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
                 a, b = m - 0.5 * s, m + 0.5 * s
@@ -126,7 +135,7 @@ def measure_cells(
                         image, lens, start, end, (nx[k], ny[k]), k % 2, sign, stride, scratch
                     )
                 else:
-                    pieces, found, side_contrast = fit_segments(
+                    pieces, found, side_contrast, pull[k] = fit_segments(
                         image,
                         lens,
                         start,
@@ -152,12 +161,20 @@ def measure_cells(
                 if hidden > 1:
                     break
                 continue
+            weight[k] = scratch.pooled[row, 1] - weight[k]
             middle[k], slope[k], variance[k] = m, s, v + FLOOR_PX * FLOOR_PX
             squares += r * r
             contrast += side_contrast
         if hidden > 1:
             continue
-        if hidden == 1:
+        if hidden == 0:
+            # The lines were expected too narrow by as much as the cell was.
+            for k in range(2):
+                k2 = k + 2
+                grown = (middle[k] + middle[k2]) / extents[k]
+                middle[k], middle[k2] = middle[k] + pull[k] * grown, middle[k2] + pull[k2] * grown
+                scratch.pooled[1 + k, 0] -= grown * (weight[k] + weight[k2])
+        else:
             k, k2 = which, (which + 2) % 4
             middle[k], slope[k] = -middle[k2], slope[k2] * lengths[k] / lengths[k2]
             variance[k] = variance[k2] + (SHAPE_SIGMA * extents[k]) ** 2
@@ -165,19 +182,6 @@ def measure_cells(
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
-
-
-@kernel
-def _gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> float:
-    """Mean distance from an edge per pixel along the image axis across it, of the sides along X (0) or along Y (1)."""
-    gain, count = 0.0, 0
-    for n in range(len(expected_px)):
-        if wanted[n]:
-            c, k1 = expected_px[n, row], expected_px[n, row + 1]
-            ex, ey = abs(k1[0] - c[0]), abs(k1[1] - c[1])
-            gain += max(ex, ey) / math.hypot(ex, ey)
-            count += 1
-    return gain / count if count > 0 else 1.0
 
 
 @kernel

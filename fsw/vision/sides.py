@@ -3,9 +3,11 @@
 import math
 from typing import NamedTuple
 
+from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import (
     BLUR,
     SEGMENTS,
+    WIDTH,
     FloatArray,
     Image,
     Scratch,
@@ -13,7 +15,7 @@ from fsw.vision.edges import (
     gather,
 )
 from fsw.vision.rig import distort_point
-from fsw.vision.templates import sum_columns, take_pixels
+from fsw.vision.templates import PROBE_PX, sum_columns, take_pixels
 from wingbeat.kernels import kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
@@ -23,6 +25,8 @@ LEAST_COLUMNS = 6  # of a segment matched by templates
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
 UNEXPLAINED = 3.0  # a straight side's chi-square by its degrees of freedom: more is not the noise's
+NOISIER = 4.0  # times the variance of the quietest segment: luck does not reach so far, a glint or a shadow does
+LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
 
 
@@ -43,20 +47,23 @@ def fit_segments(
     end: tuple[float, float],
     normal: tuple[float, float],
     window_px: tuple[float, float],
-    width_px: float,
+    widths_px: tuple[float, float],
     width_row: int,
     sign: float,
     stride: int,
     scratch: Scratch,
-) -> tuple[int, int, float]:
-    """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast."""
+) -> tuple[int, int, float, float]:
+    """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast.
+
+    And the mean of what a wider line would change (see EdgeFit). widths_px: of the line, at both ends; 0: none.
+    """
     blur = lens.blur_px
     length = math.hypot(end[0] - start[0], end[1] - start[1])
     inset = min(0.25 * length, max(3.0 * blur + 1.0, 0.06 * length))
     pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
-    found, contrast = 0, 0.0
+    found, contrast, pull = 0, 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
         f1 = (inset + (length - 2.0 * inset) * (piece + 1) / pieces) / length
@@ -73,21 +80,33 @@ def fit_segments(
         gain = gain_y if vertical else gain_x
         ends = ((x0, y0), (x1, y1))
         whole = gather(image, ends, gain, vertical, window_px, stride, scratch)
-        width = width_px
-        if not whole and width_px > 0.0:
+        width = widths_px[0] + 0.5 * (f0 + f1) * (widths_px[1] - widths_px[0])
+        if not whole and width > 0.0:
             # The line's far side may lie outside the image: judge by its near side alone.
-            near = (window_px[0], max(width_px - 1.5 * blur, 0.5 * width_px))
+            near = (window_px[0], max(width - 1.5 * blur, 0.5 * width))
             gather(image, ends, gain, vertical, near, stride, scratch)
             width = 0.0
-        fit = fit_profile(scratch, lens.step, width, blur, width_row)
+        fit = fit_profile(scratch, lens.step, width, blur)
         step = sign * (fit.line - fit.inside)
         if fit.good and step > MIN_CONTRAST and fit.residual < NOISE_GATE * step:
             scratch.segments[found, 0] = 0.5 * (f0 + f1) - 0.5
             scratch.segments[found, 1] = fit.offset_px
-            scratch.segments[found, 2] = fit.variance_px2 + 1e-8
+            scratch.segments[found, 2] = fit.variance_px2
+            scratch.segments[found, 3] = fit.variance_px2 / fit.residual**2 if fit.residual > 0.0 else 0.0
             contrast += step
+            pull += fit.pull_px
+            _pool(scratch, width_row)
             found += 1
-    return pieces, found, contrast / max(found, 1)
+    _share_noise(scratch.segments, found)
+    return pieces, found, contrast / max(found, 1), pull / max(found, 1)
+
+
+@kernel
+def _pool(scratch: Scratch, width_row: int) -> None:
+    """Add what the last edge says of blur and width to what all do."""
+    for i in range(2):
+        scratch.pooled[BLUR, i] += scratch.fresh[BLUR, i]
+        scratch.pooled[width_row, i] += scratch.fresh[WIDTH, i]
 
 
 @kernel
@@ -119,7 +138,7 @@ def match_segments(
     vertical = abs(gain_y) > abs(gain_x)
     gain = gain_y if vertical else gain_x
     rising = sign if gain > 0.0 else -sign  # of the step along the image's axis, where cell and line are as expected
-    farthest = lens.blur_px
+    farthest, lens_px = lens.blur_px, math.sqrt(lens.blur_px**2 - PIXEL_VARIANCE)
     found, contrast = 0, 0.0
     x1, y1 = 0.0, 0.0
     for piece in range(pieces + 1):
@@ -144,14 +163,36 @@ def match_segments(
         away = gain * shift
         segments[found, 0] = inset + (1.0 - 2.0 * inset) * (piece - 0.5) / pieces - 0.5
         segments[found, 1] = min(max(away, -farthest), farthest)
-        segments[found, 2] = gain * gain * max(variance, 0.0) + 1e-8
-        if abs(away) < lens.blur_px:
+        segments[found, 2] = gain * gain * max(variance, 0.0)
+        segments[found, 3] = gain * gain / sbb
+        if abs(away) < PROBE_PX:
             # To second order a shift looks like blur: the change with blur is blur times the second derivative.
-            scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens.blur_px)
+            scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens_px)
             scratch.pooled[BLUR, 1] += blur_den
         contrast += step
         found += 1
+    _share_noise(segments, found)
     return pieces, found, contrast / max(found, 1)
+
+
+@kernel
+def _share_noise(segments: FloatArray, count: int) -> None:
+    """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
+
+    A segment has too few columns to tell its noise: what is quiet by luck would weigh too much, and seem too good.
+    """
+    quietest = math.inf
+    for i in range(count):
+        quietest = min(quietest, segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0)
+    total, alike = 0.0, 0
+    for i in range(count):
+        if segments[i, 2] <= NOISIER * quietest * segments[i, 3]:
+            total += segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0
+            alike += 1
+    for i in range(count):
+        if segments[i, 2] <= NOISIER * quietest * segments[i, 3]:
+            segments[i, 2] = segments[i, 3] * total / alike
+        segments[i, 2] += LEAST_VARIANCE
 
 
 @kernel

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
-from fsw.vision.blur import STEP_ROWS, tabulate_step
+from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
 from fsw.vision.edges import FloatArray, Image, make_scratch
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid
@@ -17,7 +17,6 @@ from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.sides import Lens
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
-PIXEL_VARIANCE = 1.0 / 12.0  # of the average over one pixel: what the sensor adds to the lens's blur
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
 START_PASSES = 2  # measurements that a start takes to settle them, corrections taken over whole
 
@@ -180,6 +179,7 @@ class Tracker:
             image,
             lens,
             self.expected_px[eye],
+            self.deviation_px[eye],
             self.wanted,
             self.line_ratio,
             self.bordering,

@@ -1,0 +1,50 @@
+"""What perspective does to a cell and to the lines beside it, as the cell's expected corners tell it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.vision.edges import FloatArray
+from wingbeat.kernels import kernel
+
+
+@kernel
+def corner_depths(corners_px: FloatArray, deviation_px: FloatArray, depth: FloatArray) -> None:
+    """Write the depths (4,) of a flat cell's corners, as its image tells them: the first corner's is 1.
+
+    What is left out of the corners (4, 2) is deviation_px (4, 2). The cell is the unit square, seen by a homography
+    whose last row is (g, h, 1) (Heckbert, Fundamentals of texture mapping, 1989, section 2.2.3).
+    """
+    x0, y0 = corners_px[0, 0] - deviation_px[0, 0], corners_px[0, 1] - deviation_px[0, 1]
+    x1, y1 = corners_px[1, 0] - deviation_px[1, 0], corners_px[1, 1] - deviation_px[1, 1]
+    x2, y2 = corners_px[2, 0] - deviation_px[2, 0], corners_px[2, 1] - deviation_px[2, 1]
+    x3, y3 = corners_px[3, 0] - deviation_px[3, 0], corners_px[3, 1] - deviation_px[3, 1]
+    ax, ay, bx, by = x1 - x2, y1 - y2, x3 - x2, y3 - y2
+    sx, sy = x0 - x1 - bx, y0 - y1 - by
+    det = ax * by - bx * ay
+    g, h = (sx * by - bx * sy) / det, (ax * sy - sx * ay) / det
+    depth[0], depth[1], depth[2], depth[3] = 1.0, 1.0 + g, 1.0 + g + h, 1.0 + h
+
+
+@kernel
+def line_width(c: FloatArray, depth: FloatArray, at: int, far: int, ratio: float, nx: float, ny: float) -> float:
+    """How far outwards of a side, in px, the neighbour begins, on the cell's edge from corner `far` to corner `at`.
+
+    c (4, 2): corners. depth (4,): see corner_depths. ratio: of the line's width to the cell's extent, on the wing.
+    """
+    away = (c[at, 0] - c[far, 0]) * nx + (c[at, 1] - c[far, 1]) * ny
+    return ratio * away * depth[far] / (depth[at] + ratio * (depth[at] - depth[far]))
+
+
+@kernel
+def mean_gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> float:
+    """Mean distance from an edge per pixel along the image axis across it, of the sides along X (0) or along Y (1)."""
+    gain, count = 0.0, 0
+    for n in range(len(expected_px)):
+        if wanted[n]:
+            c, k1 = expected_px[n, row], expected_px[n, row + 1]
+            ex, ey = abs(k1[0] - c[0]), abs(k1[1] - c[1])
+            gain += max(ex, ey) / math.hypot(ex, ey)
+            count += 1
+    return gain / count if count > 0 else 1.0
