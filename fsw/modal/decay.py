@@ -36,10 +36,6 @@ _FALLS = (0.0, 4.0)
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
-# A mode matters with this share of the strongest one's energy; a decay leaves no peak above this share of
-# the record's tallest.
-_MATTERS = 0.05
-_LEFT_OVER = 0.1
 
 
 @dataclass(frozen=True)
@@ -164,7 +160,7 @@ def _worth_a_look(residual: FloatArray) -> bool:
     noise = 2.0 * residual.shape[1]  # mean of the statistic where there is no mode
     beyond = _WORTH_A_LOOK * (_least_statistic(residual.shape[1]) - noise)
     falls = [np.exp(-fall * np.arange(len(residual)) / len(residual)) for fall in _FALLS]
-    return any(2.0 * _tallest(residual * w[:, None]) / float(w @ w) > noise + beyond for w in falls)
+    return any(2.0 * tallest(residual * w[:, None]) / float(w @ w) > noise + beyond for w in falls)
 
 
 def complex_shape(fit: Fit, mode: int) -> ComplexArray:
@@ -206,35 +202,7 @@ def onset(time_s: FloatArray, signals: FloatArray) -> int:
     return start if len(signals) - start >= LEAST_SAMPLES else 0
 
 
-def convincing(
-    time_s: FloatArray,
-    signals: FloatArray,
-    rate_hz: float,
-    fit: Fit,
-    drift_degree: int,
-    coherence: FloatArray,
-    falling: NDArray[np.bool_],
-) -> bool:
-    """Whether a record is a free decay: falling exponentials explain the modes that matter, and leave no
-    peak like theirs.
-
-    signals (T, p) before whitening; coherence, falling (m,): the fit's share of the energy about each mode,
-    and whether it decays.
-    """
-    if len(fit.poles) == 0:
-        return False
-    plain = project(time_s, signals, fit.poles, drift_degree)
-    moving = project(time_s, signals, fit.poles[:0], drift_degree).residual
-    parts = [
-        plain.triangle[:, 2 * j : 2 * j + 2] @ plain.coefficients[2 * j : 2 * j + 2] for j in range(len(fit.poles))
-    ]
-    energy = np.array([float(np.sum(part**2)) for part in parts])
-    matters = energy > _MATTERS * float(np.max(energy))
-    left_over, total = (_tallest(even_grid(time_s, series, rate_hz)) for series in (plain.residual, moving))
-    return bool(np.all(coherence[matters] > 0.9) and np.any(falling & matters) and left_over < _LEFT_OVER * total)
-
-
-def _tallest(signals: FloatArray) -> float:
+def tallest(signals: FloatArray) -> float:
     """Largest power over frequency, summed over the coordinates of an even grid (N, p)."""
     count = len(signals)
     power = np.sum(np.abs(np.fft.rfft(signals, 2 * count, axis=0)) ** 2, axis=1)

@@ -9,7 +9,7 @@ from fsw.modal.candidates import Correlation
 from fsw.modal.channels import Channels, transposed_times
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates
-from fsw.modal.decay import Decay, convincing, find_decay, onset
+from fsw.modal.decay import Decay, find_decay, onset
 from fsw.modal.gates import (
     EARLY_CYCLES,
     EARLY_SAMPLES,
@@ -22,6 +22,7 @@ from fsw.modal.gates import (
     varies,
     weak_flags,
 )
+from fsw.modal.kind import convincing
 from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import (

@@ -6,6 +6,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.ambient import Peak
+
 FloatArray = NDArray[np.float64]
 
 # The highest frequency believed, as a share of the rate: above, a mode may be the alias of one beyond half
@@ -46,8 +48,11 @@ LEAST_RELATIVE_AMPLITUDE = 5e-3
 # Modes nearer than this many 1 / T stand apart by their shapes alone; nearer than so many deviations, not at all.
 PAIR_RESOLUTIONS = 2.0
 PAIR_DEVIATIONS = 4.0
-# A steady sinusoid that explains so much of an ambient peak means that something drives it there.
+# A steady sinusoid that explains so much of an ambient peak means that something drives it there: surely, or unless
+# the likelihood is sure of a decay; and one that is as likely as a mode, whatever it explains.
+CERTAIN_LINE_SHARE = 0.95
 LARGEST_LINE_SHARE = 0.9
+LEAST_LINE_GAIN = 4.0
 # Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, its least height over
 # the floor beside it, and the orders that it must appear in.
 LEAST_GAIN = 20.0
@@ -114,16 +119,18 @@ def departs(share: float, deviations: float) -> bool:
     return share > LARGEST_DEPARTURE and deviations > DEPARTURE_DEVIATIONS
 
 
-def ambient_flags(
-    damping_ratio: float, damping_sigma: float, gain: float, rise: float, line_share: float, orders: int
-) -> list[str]:
-    """Flags of a mode in stationary response: a steady line, damping unknown, a peak that noise makes as well."""
+def ambient_flags(damping_ratio: float, damping_sigma: float, peak: Peak, line_gain: float, orders: int) -> list[str]:
+    """Flags of a mode in stationary response: a steady line, damping unknown, a peak that noise makes as well.
+
+    line_gain: twice the log likelihood ratio of the mode against a steady line. orders: that the mode appears in.
+    """
     flags = []
-    if line_share > LARGEST_LINE_SHARE or damping_ratio <= 0.0:
+    line = line_gain < LEAST_LINE_GAIN or peak.line_share > CERTAIN_LINE_SHARE
+    if line or (peak.line_share > LARGEST_LINE_SHARE and line_gain < LEAST_GAIN):
         flags.append("harmonic")
     if not damping_sigma < LARGEST_AMBIENT_DAMPING_SIGMA * damping_ratio:
         flags.append("imprecise")
-    if gain < LEAST_GAIN or rise < LEAST_RISE or orders < LEAST_ORDERS:
+    if peak.gain < LEAST_GAIN or peak.rise < LEAST_RISE or orders < LEAST_ORDERS:
         flags.append("weak")
     return flags
 

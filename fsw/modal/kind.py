@@ -1,0 +1,65 @@
+"""Free decay or random response: what falling exponentials must explain of a record to be believed."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.coordinates import even_grid
+from fsw.modal.decay import tallest
+from fsw.modal.refinement import Fit, project
+
+FloatArray = NDArray[np.float64]
+
+# A mode matters with this share of the strongest one's energy, and the fit must explain so much about its frequency; a
+# decay leaves no peak above this share of the record's tallest.
+_MATTERS, _EXPLAINED = 0.05, 0.9
+_LEFT_OVER = 0.1
+# One mode of a random response may fall by chance as if it were free, but then others go on. A fit of so many cycles
+# that explains less than this about its own frequencies must not leave a peak elsewhere as it was: farther away than
+# this share of each frequency, so high over the median, and with this share left.
+_MANY_CYCLES, _WHOLE = 50.0, 0.95
+_ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
+
+
+def convincing(
+    time_s: FloatArray,
+    signals: FloatArray,
+    rate_hz: float,
+    fit: Fit,
+    drift_degree: int,
+    coherence: FloatArray,
+    falling: NDArray[np.bool_],
+) -> bool:
+    """Whether a record is a free decay: falling exponentials explain the modes that matter, and leave no peak like
+    theirs.
+
+    signals (T, p) before whitening; coherence, falling (m,): the fit's share of the energy about each mode, and whether
+    it decays.
+    """
+    modes = len(fit.poles)
+    if modes == 0:
+        return False
+    plain = project(time_s, signals, fit.poles, drift_degree)
+    moving = project(time_s, signals, fit.poles[:0], drift_degree).residual
+    parts = [plain.triangle[:, 2 * j : 2 * j + 2] @ plain.coefficients[2 * j : 2 * j + 2] for j in range(modes)]
+    energy = np.array([float(np.sum(part**2)) for part in parts])
+    matters = energy > _MATTERS * float(np.max(energy))
+    if not np.all(coherence[matters] > _EXPLAINED) or not np.any(falling & matters):
+        return False
+    left, whole = (even_grid(time_s, series, rate_hz) for series in (plain.residual, moving))
+    hz = fit.poles.imag / (2.0 * np.pi)
+    doubtful = float(np.max(hz)) * float(time_s[-1]) > _MANY_CYCLES and bool(np.any(coherence[matters] < _WHOLE))
+    if doubtful and _others_go_on(left, whole, hz, rate_hz):
+        return False
+    return tallest(left) < _LEFT_OVER * tallest(whole)
+
+
+def _others_go_on(left: FloatArray, whole: FloatArray, hz: FloatArray, rate_hz: float) -> bool:
+    """Whether the tallest peak away from the frequencies hz (m,) is left as it was; left, whole (N, p): even grids."""
+    # Hann's window: leakage of the strong mode must not bury the others.
+    window = np.hanning(len(whole))[:, None]
+    before, after = (np.sum(np.abs(np.fft.rfft(y * window, axis=0)) ** 2, axis=1) for y in (whole, left))
+    grid_hz = np.fft.rfftfreq(len(whole), 1.0 / rate_hz)
+    apart = np.all(np.abs(grid_hz[:, None] - hz) > _ELSEWHERE * hz, axis=1) & (grid_hz > _ELSEWHERE * float(np.max(hz)))
+    peak = int(np.argmax(np.where(apart, before, 0.0)))
+    high = bool(apart[peak] and before[peak] > _HIGH * float(np.median(before)))
+    return high and bool(after[peak] > _AS_IT_WAS * before[peak])

@@ -1,0 +1,146 @@
+"""Candidates of a stationary response refined by likelihood: those near each other together, the needless dropped."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.clustering import Candidate
+from fsw.modal.gates import LEAST_GAIN, LEAST_ORDERS
+from fsw.modal.stationary_likelihood import Band, Group, band_of, first_guess, half_band_hz, most_likely, without
+from fsw.modal.stationary_posterior import Estimate, posterior
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Modes that are refined together at most, and coefficients that a band must hold.
+_MOST, _LEAST_COEFFICIENTS = 3, 5
+# Damping that a search starts from, and the most that makes a band wider.
+_LEAST_DAMPING, _MOST_DAMPING = 5e-4, 0.15
+# A candidate in so many orders is one whatever the likelihood says: a second peak of one shape may be the force's.
+_OFTEN = 8
+# Of candidates that can do without each other, the likelihoods without them differ by less than this.
+_TIE = 0.5
+# A direction of a band's motion has at least so much more power than the least.
+_CLEAR = 4.0
+# Filters that would amplify more than the inverse of this let neighbours pass.
+_FLAT = 0.1
+# A candidate that moves by more than so many widths was another mode's.
+_FAR = 3.0
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A candidate with frequency, damping and shape by likelihood, their deviations, and the gain over a line."""
+
+    candidate: Candidate
+    frequency_sigma_hz: float
+    damping_sigma: float
+    line_gain: float
+
+
+def real_shape(shape: ComplexArray) -> FloatArray:
+    """Unit real shape nearest to a complex one: rotated so that its real part is as long as it can be."""
+    angle = 0.5 * np.angle(np.sum(shape**2))
+    real = (shape * np.exp(-1j * angle)).real
+    return real / max(float(np.linalg.norm(real)), 1e-300)
+
+
+def refined(found: list[Candidate], signals: FloatArray, rate_hz: float) -> list[Refined]:
+    """Candidates by likelihood. One that its neighbours explain as well is left out.
+
+    signals (T, p) of noise that is alike in all, without their mean.
+    """
+    done: list[Refined] = []
+    waiting = sorted(found, key=lambda c: (c.count < LEAST_ORDERS, -c.pole.singular_value))
+    while waiting:
+        first, *waiting = waiting
+        reach_hz = _reach_hz(first.frequency_hz, first.damping_ratio, signals, rate_hz)
+        known = [entry.candidate for entry in done]
+        least = min(first.count, LEAST_ORDERS)
+        near = [
+            c for c in [*known, *waiting] if abs(c.frequency_hz - first.frequency_hz) < reach_hz and c.count >= least
+        ]
+        near = sorted(near, key=lambda c: abs(c.frequency_hz - first.frequency_hz))[: _MOST - 1]
+        fresh = [first, *(c for c in waiting if any(c is n for n in near))]
+        done += _settled(fresh, [c for c in known if any(c is n for n in near)], signals, rate_hz)
+        waiting = [c for c in waiting if not any(c is n for n in near)]
+    return done
+
+
+def _reach_hz(frequency_hz: float, damping_ratio: float, signals: FloatArray, rate_hz: float) -> float:
+    damping = float(np.clip(damping_ratio, 0.0, _MOST_DAMPING))
+    return half_band_hz(frequency_hz, damping, len(signals) / rate_hz)
+
+
+def _settled(fresh: list[Candidate], known: list[Candidate], signals: FloatArray, rate_hz: float) -> list[Refined]:
+    """The fresh candidates that are needed beside each other and the known ones."""
+    members = [*fresh, *known]
+    frequency_hz = np.array([c.frequency_hz for c in members])
+    damping = np.array([c.damping_ratio for c in members])
+    shapes = np.stack([real_shape(c.pole.shape) for c in members], axis=1)
+    for _ in range(2):
+        # The band depends on the damping: a second round has the better one.
+        reach_hz = [_reach_hz(f, z, signals, rate_hz) for f, z in zip(frequency_hz, damping, strict=True)]
+        low_hz, high_hz = float(np.min(frequency_hz - reach_hz)), float(np.max(frequency_hz + reach_hz))
+        basis = _span(signals, rate_hz, low_hz, high_hz, len(members))
+        band = band_of(signals @ basis, rate_hz, low_hz, high_hz)
+        if len(band.frequency_hz) < _LEAST_COEFFICIENTS:
+            return []
+        decay_rate = 2.0 * np.pi * frequency_hz * np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING)
+        group = most_likely(band, first_guess(band, frequency_hz, decay_rate, basis.T @ shapes))
+        frequency_hz, damping = group.frequency_hz, group.decay_rate / (2.0 * np.pi * group.frequency_hz)
+        shapes = basis @ group.shapes
+    members, group = _needed(members, len(fresh), band, group)
+    needed = members[: len(members) - len(known)]
+    entries = [_refined(c, _estimate(band, group, j), basis @ group.shapes[:, j]) for j, c in enumerate(needed)]
+    resolution_hz = rate_hz / len(signals)
+    return [
+        entry
+        for old, entry in zip(needed, entries, strict=True)
+        if abs(entry.candidate.frequency_hz - old.frequency_hz)
+        < _FAR * (max(old.damping_ratio, 0.0) * old.frequency_hz + resolution_hz)
+    ]
+
+
+def _span(signals: FloatArray, rate_hz: float, low_hz: float, high_hz: float, most: int) -> FloatArray:
+    """Orthonormal directions (p, q) of the motion in a band: at most so many, and those that stand out."""
+    grid_hz = np.fft.rfftfreq(len(signals), 1.0 / rate_hz)
+    X = np.fft.rfft(signals, axis=0)[(grid_hz >= low_hz) & (grid_hz <= high_hz)]
+    values, vectors = np.linalg.eigh((X.conj().T @ X).real)
+    clear = int(np.count_nonzero(values > _CLEAR * values[0])) if len(values) > most else len(values)
+    return vectors[:, ::-1][:, : max(min(clear, most), 1)]
+
+
+def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> tuple[list[Candidate], Group]:
+    """The members, the first of them fresh, without those that the others explain as well; and their group."""
+    members = list(members)
+    doubted = [j < fresh and c.count < _OFTEN for j, c in enumerate(members)]
+    while any(doubted) and len(members) > 1:
+        fewer = {j: without(group, band, j) for j, doubt in enumerate(doubted) if doubt}
+        best = max(other.likelihood for other in fewer.values())
+        if 2.0 * (group.likelihood - best) > LEAST_GAIN:
+            break
+        ties = [j for j, other in fewer.items() if other.likelihood > best - _TIE]
+        least = min(ties, key=lambda j: (members[j].count, members[j].pole.singular_value))
+        group = fewer[least]
+        del members[least], doubted[least]
+    return members, group
+
+
+def _estimate(band: Band, group: Group, mode: int) -> Estimate:
+    q, m = group.shapes.shape
+    if m <= q:
+        return posterior(band, group, mode, np.linalg.pinv(group.shapes, rcond=_FLAT)[mode])
+    # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do.
+    sigma, rate = group.sigmas[mode], float(group.decay_rate[mode])
+    return Estimate(float(group.frequency_hz[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, np.inf)
+
+
+def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Refined:
+    s = complex(-estimate.decay_rate, 2.0 * np.pi * estimate.frequency_hz)
+    pole = replace(candidate.pole, s=s, shape=shape.astype(np.complex128))
+    better = replace(candidate, pole=pole, frequency_hz=pole.frequency_hz, damping_ratio=pole.damping_ratio)
+    # What the subspace method sees no decay of is a line until the likelihood is sure.
+    line_gain = estimate.line_gain if candidate.damping_ratio > 0.0 else 0.0
+    return Refined(better, estimate.frequency_sigma_hz, estimate.decay_rate_sigma / abs(s), line_gain)

@@ -1,0 +1,107 @@
+"""What a band of one signal tells of the one mode in it: frequency and decay rate with honest deviations, or a line.
+
+With few time constants in a record the likelihood is skew, and its curvature at the top says too little: mean and
+standard deviation of the whole posterior are taken instead. Jeffreys' prior of the decay rate is a^-1/2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.modal.stationary_likelihood import Band, Group, envelope_covariance, scored
+from fsw.modal.uncertainty import au_law
+
+FloatArray = NDArray[np.float64]
+
+# Points over frequency, decay rate and noise; how far they reach in standard deviations.
+_FREQUENCIES, _DECAYS, _NOISES = 25, 31, 7
+_REACH, _NOISE_REACH = 5.0, 2.0
+# Deviations of the logarithms that a grid is made for, of the decay rate and of the noise; a decay rate less well known
+# than _VAGUE may be anything down to a line's.
+_LEAST_SPREAD, _MOST_SPREAD, _VAGUE, _MOST_NOISE_SPREAD = 0.05, 0.7, 0.3, 1.5
+_SLOWEST = 0.03
+# A steady line: its decay over the record, the noise beside it over its power, and the zooms on its frequency.
+_NO_DECAY, _ZOOMS, _ZOOM = 1e-7, 3, 0.1
+_LINE_NOISE = np.exp(np.linspace(-20.0, 2.0, 45))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Frequency in Hz and decay rate in 1/s with deviations; line_gain: 2 ln of the likelihood over a line's."""
+
+    frequency_hz: float
+    frequency_sigma_hz: float
+    decay_rate: float
+    decay_rate_sigma: float
+    line_gain: float
+
+
+def posterior(band: Band, group: Group, mode: int, filtered: FloatArray) -> Estimate:
+    """Posterior of one mode of the most likely group; filtered (q,): weights of the signals that let it alone pass."""
+    own = Band(band.frequency_hz, band.coefficients @ filtered[:, None], band.duration_s)
+    one = slice(mode, mode + 1)
+    noise = group.noise * float(filtered @ filtered)
+    alone, _ = scored(own, group.frequency_hz[one], group.decay_rate[one], group.variance[one], np.ones((1, 1)), noise)
+    f, decay, ratio = _grid(own, alone)
+    likelihood = _likelihood(own, *np.meshgrid(f, decay, ratio, indexing="ij"))
+    top = float(np.max(likelihood))
+    # The grid is even in ln a: a density a^-1/2 weighs as a^1/2.
+    weight = np.sum(np.exp(likelihood - top), axis=2) * decay**0.5
+    weight /= np.sum(weight)
+    f_mean, f_sigma = _moments(f, weight.sum(axis=1))
+    a_mean, a_sigma = _moments(decay, weight.sum(axis=0))
+    return Estimate(f_mean, f_sigma, a_mean, a_sigma, 2.0 * (top - _line(own, f_mean)))
+
+
+def _moments(values: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    mean = float(values @ weight)
+    return mean, float(np.sqrt((values - mean) ** 2 @ weight))
+
+
+def _grid(band: Band, mode: Group) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Frequencies, decay rates, even in the logarithm, and ratios of noise to the mode's variance."""
+    T = band.duration_s
+    f, a = float(mode.frequency_hz[0]), float(mode.decay_rate[0])
+    sigmas = mode.sigmas[0]
+    # The curvature may be less than the uncertainty law allows, where the noise has taken the peak's flanks.
+    law_f, law_damping = au_law(f, a / (2.0 * np.pi * f), T * len(band.coefficients))
+    f_sigma = max(float(sigmas[0]), law_f * f, 0.1 / T)
+    spread = max(float(sigmas[1]), law_damping)
+    reach = _REACH * float(np.clip(spread, _LEAST_SPREAD, _MOST_SPREAD))
+    slowest = np.log(a) - reach if spread < _VAGUE else min(np.log(a) - reach, np.log(_SLOWEST / T))
+    noise_reach = _NOISE_REACH * min(float(np.hypot(sigmas[1], sigmas[2])), _MOST_NOISE_SPREAD)
+    return (
+        f + f_sigma * np.linspace(-_REACH, _REACH, _FREQUENCIES),
+        np.exp(np.linspace(slowest, np.log(a) + reach, _DECAYS)),
+        mode.noise / float(mode.variance[0]) * np.exp(noise_reach * np.linspace(-1.0, 1.0, _NOISES)),
+    )
+
+
+def _line(band: Band, frequency_hz: float) -> float:
+    """Largest log likelihood of a steady line near a frequency, in white noise."""
+    centre_hz, reach_hz = frequency_hz, 1.0 / band.duration_s
+    slow = np.array([_NO_DECAY / band.duration_s])
+    top = -np.inf
+    for _ in range(_ZOOMS):
+        near_hz = centre_hz + reach_hz * np.linspace(-1.0, 1.0, 21)
+        likelihood = _likelihood(band, *np.meshgrid(near_hz, slow, _LINE_NOISE, indexing="ij"))
+        top = float(np.max(likelihood))
+        centre_hz = float(near_hz[np.unravel_index(np.argmax(likelihood), likelihood.shape)[0]])
+        reach_hz *= _ZOOM
+    return top
+
+
+def _likelihood(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
+    """Log likelihood (...) of a band of one signal, up to a constant; its scale integrated out."""
+    d, a, b = envelope_covariance(band.frequency_hz, frequency_hz, decay_rate, band.duration_s)
+    weight = 1.0 / (d + ratio[..., None])
+    y = band.coefficients[:, :, 0]
+    # Woodbury's identity for the two ranks - a a^T + b b^T.
+    aa, bb, ab = np.sum(a * a * weight, -1) - 1.0, np.sum(b * b * weight, -1) + 1.0, np.sum(a * b * weight, -1)
+    determinant = aa * bb - ab**2
+    ya, yb = (a * weight) @ y.T, (b * weight) @ y.T
+    products = [np.sum((u * v.conj()).real, -1) for u, v in ((ya, ya), (ya, yb), (yb, yb))]
+    cross = products[0] * bb - 2.0 * products[1] * ab + products[2] * aa
+    square = weight @ np.sum(np.abs(y) ** 2, axis=0) - cross / determinant
+    return len(y) * (np.sum(np.log(weight), -1) - np.log(-determinant)) - y.size * np.log(square)

@@ -1,0 +1,137 @@
+"""The likelihood of stationary response: its covariance, score and posterior against direct computation."""
+
+import numpy as np
+import pytest
+
+from fsw.modal.pipeline import identify
+from fsw.modal.stationary_likelihood import (
+    Band,
+    band_of,
+    envelope_covariance,
+    first_guess,
+    most_likely,
+    scored,
+    without,
+)
+from fsw.modal.stationary_posterior import posterior
+from sim.bench.modal_bounds import uncertainty_law
+from sim.bench.modal_records import AMBIENT, DAMPING, grid, pole, shapes, stationary
+
+BAND_HZ = np.array([0.9, 0.95, 1.0, 1.05, 1.1])
+
+
+def dense(frequency_hz: float, decay_rate: float, duration_s: float) -> np.ndarray:
+    """Covariance of the Fourier coefficients of exp(-a |t - s| + i w (t - s)), by a plain double sum."""
+    count = 2000
+    time_s = (np.arange(count) + 0.5) * duration_s / count
+    lag = time_s[:, None] - time_s
+    correlation = np.exp(-decay_rate * np.abs(lag) + 2j * np.pi * frequency_hz * lag)
+    waves = np.exp(-2j * np.pi * BAND_HZ[:, None] * time_s) / count
+    return waves @ correlation @ waves.conj().T
+
+
+def of_envelope(frequency_hz: float, decay_rate: float, duration_s: float) -> np.ndarray:
+    d, a, b = envelope_covariance(BAND_HZ, np.array(frequency_hz), np.array(decay_rate), duration_s)
+    return np.diag(d) - np.outer(a, a) + np.outer(b, b)
+
+
+@pytest.mark.parametrize("decay_rate", [0.002, 0.2, 3.0])
+def test_covariance_of_an_envelope_is_that_of_its_correlation(decay_rate):
+    assert np.allclose(of_envelope(1.03, decay_rate, 20.0), dense(1.03, decay_rate, 20.0), atol=5e-6)
+
+
+def noisy_band(seed: int, pieces: int = 2) -> Band:
+    rng = np.random.default_rng(seed)
+    shape = (pieces, len(BAND_HZ), 2)
+    return Band(BAND_HZ, rng.standard_normal(shape) + 1j * rng.standard_normal(shape), 20.0)
+
+
+def test_likelihood_is_that_of_a_complex_normal_and_the_score_its_slope():
+    band = noisy_band(0)
+    f, a, v, noise = np.array([0.96, 1.04]), np.array([0.3, 0.1]), np.array([3.0, 2.0]), 0.5
+    angle = np.array([0.3, 1.2])
+
+    def at(step: np.ndarray):
+        turned = angle + step[[3, 7]]
+        directions = np.stack([np.cos(turned), np.sin(turned)])
+        grown = np.exp(step)
+        return scored(band, f + step[[0, 4]], a * grown[[1, 5]], v * grown[[2, 6]], directions, noise * grown[8])
+
+    group, score = at(np.zeros(9))
+    covariance = noise * np.eye(10)
+    for j in range(2):
+        outer = np.outer(group.shapes[:, j], group.shapes[:, j])
+        covariance = covariance + v[j] * np.kron(outer, of_envelope(f[j], a[j], 20.0))
+    y = band.coefficients.transpose(0, 2, 1).reshape(2, 10)
+    direct = -2 * np.linalg.slogdet(covariance)[1] - sum(
+        float((z.conj() @ np.linalg.solve(covariance, z)).real) for z in y
+    )
+    assert group.likelihood == pytest.approx(direct, rel=1e-9)
+    slope = [(at(e)[0].likelihood - at(-e)[0].likelihood) / 2e-5 for e in 1e-5 * np.eye(9)]
+    # A shape's tangent may point either way.
+    assert np.allclose(np.abs(score), np.abs(slope), rtol=1e-4, atol=1e-3)
+    assert np.allclose(np.delete(score, [3, 7]), np.delete(slope, [3, 7]), rtol=1e-4, atol=1e-3)
+
+
+def close_pair(seed: int) -> tuple[Band, np.ndarray]:
+    modes, duration_s, rate_hz, points, noise_mm = AMBIENT["A2"]
+    _, y = stationary(modes, duration_s, rate_hz, points, noise_mm, seed)
+    form = shapes(*grid(*points))
+    basis, _ = np.linalg.qr(np.stack([form["B1"][2], form["IP"][2]], axis=1))
+    return band_of((y - y.mean(axis=0)) @ basis, rate_hz, 0.6, 0.9), basis
+
+
+def test_a_close_pair_is_told_apart_from_a_poor_guess():
+    deviations = []
+    for seed in range(8):
+        band, _ = close_pair(300 + seed)
+        guess = first_guess(band, np.array([0.728, 0.762]), np.array([0.01, 0.1]), np.eye(2) + 0.2)
+        group = most_likely(band, guess)
+        assert group.likelihood > guess.likelihood
+        both = [posterior(band, group, j, np.linalg.pinv(group.shapes)[j]) for j in range(2)]
+        for f, found in zip((0.73, 0.76), both, strict=True):
+            rate = -pole(f).real
+            deviations.append((found.frequency_hz - f) / found.frequency_sigma_hz)
+            deviations.append((found.decay_rate - rate) / found.decay_rate_sigma)
+            law_hz = uncertainty_law(f, 120.0)[0]
+            assert 0.4 * law_hz < found.frequency_sigma_hz < 3.0 * law_hz
+            assert found.line_gain > 0.0
+        assert group.likelihood - without(group, band, 1).likelihood > 10.0
+    assert np.mean(np.abs(deviations) < 1.96) > 0.8
+
+
+def test_a_steady_line_is_as_likely_as_a_mode():
+    rate_hz, count = 20.0, 2400
+    time_s = np.arange(count) / rate_hz
+    noise = 0.1 * np.random.default_rng(4).standard_normal(count)
+    band = band_of((np.sin(2 * np.pi * 1.003 * time_s) + noise)[:, None], rate_hz, 0.9, 1.1)
+    group = most_likely(band, first_guess(band, np.array([1.0]), np.array([0.05]), np.ones((1, 1))))
+    assert posterior(band, group, 0, np.ones(1)).line_gain < 4.0
+
+
+def test_long_records_are_cut_in_pieces():
+    band = band_of(np.random.default_rng(0).standard_normal((20000, 2)), 20.0, 1.0, 2.0)
+    assert len(band.coefficients) > 10 and band.coefficients.shape[1] * 2 <= 128
+    assert band.duration_s * len(band.coefficients) == pytest.approx(1000.0, rel=0.01)
+
+
+@pytest.mark.parametrize("case", ["A1", "A2"])
+def test_ambient_modes_are_all_found_and_nothing_else(case):
+    modes = AMBIENT[case][0]
+    deviations = []
+    for seed in range(500, 504):
+        found = identify(*stationary(*AMBIENT[case], seed))
+        assert found.kind == "ambient"
+        valid = found.valid_modes
+        assert len(valid) <= len(modes)
+        for mode in valid:
+            f = min(modes.values(), key=lambda hz, mode=mode: abs(hz - mode.frequency_hz))
+            deviations.append((mode.frequency_hz - f) / mode.frequency_sigma_hz)
+            deviations.append((mode.damping_ratio - DAMPING) / mode.damping_ratio_sigma)
+    assert len(deviations) >= 2 * 4 * (len(modes) - 0.5)
+    assert np.mean(np.abs(deviations) < 1.96) > 0.8
+
+
+@pytest.mark.parametrize(("case", "seed"), [("A1", 1006), ("A2", 1016), ("A2", 2006)])
+def test_one_mode_that_falls_by_chance_is_no_free_decay(case, seed):
+    assert identify(*stationary(*AMBIENT[case], seed)).kind == "ambient"
