@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw.vision.clustering import binarise, histogram, kmeans, local_cells
+from fsw.vision.clustering import binarise, histogram, kmeans
+from fsw.vision.ridges import local_cells
 
 
 def _cost(values: np.ndarray, count: np.ndarray, cuts: tuple[int, ...]) -> float:

@@ -32,7 +32,7 @@ def triangulated(
     count = centre.shape[1]
     out = make_points(count)
     chosen = np.ones(count, bool) if matched is None else matched
-    triangulate_cells(eyes_of(rig), corners, centre, covariance, chosen, np.zeros((8, 3)), out)
+    triangulate_cells(eyes_of(rig), corners, centre, covariance, chosen, out)
     return out
 
 
@@ -182,6 +182,6 @@ def test_results_of_the_last_tick_do_not_linger() -> None:
     both = pixels(rig, corners), pixels(rig, corners.mean(axis=1))
     out = make_points(4)
     for matched in (np.ones(4, bool), np.zeros(4, bool)):
-        triangulate_cells(eyes_of(rig), *both, unit(4), matched, np.zeros((8, 3)), out)
+        triangulate_cells(eyes_of(rig), *both, unit(4), matched, out)
     assert not out.valid.any()
     assert all(np.isnan(field).all() for field in out[:-1])

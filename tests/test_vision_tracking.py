@@ -53,7 +53,8 @@ class Wing:
         for i, side in enumerate(SIDES_SEARCHED):
             a, b = here[:, :, side], here[:, :, side + 1]
             normal = np.stack([b[..., 1] - a[..., 1], a[..., 0] - b[..., 0]], axis=-1)
-            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+            length = np.linalg.norm(normal, axis=-1, keepdims=True)
+            normal /= np.where(length > 0.0, length, 1.0)  # corners out of view are not known
             middle = 0.5 * (a + b)
             outwards = np.sum((middle - here.mean(axis=2)) * normal, axis=-1)
             normal *= np.sign(outwards)[..., None]

@@ -7,6 +7,7 @@ from fsw.tables.flight import VisionTable
 from fsw.tasks.state import State
 from fsw.vision.acquisition import Prior, acquire
 from fsw.vision.rig import StereoRig
+from fsw.vision.sketch import sketch
 from fsw.vision.tracking import Tracker
 from telemetry.dictionary import FlightMode
 from telemetry.events import LOCK_ACQUIRED
@@ -29,9 +30,11 @@ class Search:
         self._found = 0
 
     def init(self) -> None:
-        """All kernels of the search run once on dark images, so that no tick compiles anything."""
-        self.work()
-        self._scout.start(self._prior.rotation, self._prior.translation_mm, self._left, self._right)
+        """All kernels of the search run once on a drawing of the wing, so that no tick compiles anything."""
+        grid, pose = self._scout.grid, (self._prior.rotation, self._prior.translation_mm)
+        images = [sketch(self._rig, eye, grid, *pose, self._left.dtype) for eye in (0, 1)]
+        acquire(images[0], images[1], self._rig, grid, self._prior)
+        self._scout.start(*pose, images[0], images[1])
 
     def take(self, tick: int) -> bool:
         """Copy the pair, if there is one and the grid is not known."""

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from fsw.vision.agreement import AcquireOptions, EyeCells, Pair, Prior, agreeing
 from fsw.vision.cells import centres_of, quadrilaterals, refine
-from fsw.vision.clustering import Image, local_cells
+from fsw.vision.clustering import Image
 from fsw.vision.enhancement import metric_view, visible_region
 from fsw.vision.grid import CellGrid
 from fsw.vision.identity import Labelling, Table, fitting, labellings, tables
 from fsw.vision.lattice import Lattice, link
+from fsw.vision.ridges import local_cells
 from fsw.vision.rig import StereoRig
 from fsw.vision.surface import inside
 
@@ -24,6 +25,9 @@ BoolArray = NDArray[np.bool_]
 
 __all__ = ["AcquireOptions", "Acquisition", "Prior", "acquire"]
 
+# Pixels of the view on a cell's smaller side: fewer do not show its lines, more only cost time. Edges are measured in
+# the whole image later, by the tracker.
+_LEAST_PX, _MOST_PX = 12.0, 20.0
 _EDGE_REACH = 3  # px of the view by which a contour may lie off a cell's edge
 
 
@@ -144,7 +148,7 @@ def _detect(
     box, resolution = region
     sizes = {p.cell_mm: p for p in grid.panels}
     smallest = min(min(cell) for cell in sizes)
-    mm_per_px = float(np.clip(0.55 / resolution[1], smallest / 30.0, smallest / 12.0))
+    mm_per_px = float(np.clip(0.55 / resolution[1], smallest / _MOST_PX, smallest / _LEAST_PX))
     shrink = max(1, int(mm_per_px * resolution[0]))
     view = metric_view(image, rig, eye, R, t, box, mm_per_px, shrink)
     dark = view.pixels if grid.dark else -view.pixels

@@ -14,6 +14,7 @@ from fsw.vision.bridging import (
     NEAR_PX,
     SWING_MM,
     TRIED_CELLS,
+    carry,
     confirmed,
     swing,
     swing_step_mm,
@@ -77,14 +78,14 @@ class Approach:
         now = self.surface.unknowns
         self._origin[:] = now
         enough = max(CONFIRMED, AS_BEFORE * self._share)
-        best = self._try(now, left, right, -1.0, NEAR_PX)
+        best = self._try(now, left, right, -1.0, enough, NEAR_PX)
         if best < enough:
             now[:] = self._origin
-            best = self._try(now, left, right, best)
+            best = self._try(now, left, right, best, enough)
         if best < enough:
             np.multiply(self._origin, 2.0, out=self._trial)
             np.subtract(self._trial, self._before, out=self._trial)
-            best = self._try(self._trial, left, right, best)
+            best = self._try(self._trial, left, right, best, enough)
         if best < enough:
             now[:] = self._origin
             self._expect()
@@ -94,7 +95,7 @@ class Approach:
                 for away_mm in (i * step_mm, -i * step_mm):
                     np.multiply(self._swing, away_mm, out=self._trial)
                     np.add(self._trial, self._origin, out=self._trial)
-                    best = self._try(self._trial, left, right, best)
+                    best = self._try(self._trial, left, right, best, enough)
                 if best >= enough:
                     break
         self._before[:] = self._origin
@@ -104,14 +105,22 @@ class Approach:
         self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX)
         self._expect()
 
-    def _try(self, trial: FloatArray, left: Image, right: Image, best: float, within_px: float = math.inf) -> float:
-        """Share of the lines that confirm a place of the surface, or the best so far; the better place is kept."""
+    def _try(
+        self, trial: FloatArray, left: Image, right: Image, best: float, enough: float, within_px: float = math.inf
+    ) -> float:
+        """Share of the lines that confirm a place of the surface, or the best so far; the better place is kept.
+
+        enough: less, and the lines are looked for again from where the first look has moved the surface to.
+        """
         self.surface.unknowns[:] = trial
         step = self._tried_step
         self._meet(left, right, step, FEW, within_px)
         self._expect(step)
-        self._look_both(left, right, step, NEAR_PX)
+        carry(self.sightings, self.expected_px)
         share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
+        if share < enough:
+            self._look_both(left, right, step, NEAR_PX)
+            share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
         if share > best:
             self._best[:] = self.surface.unknowns
             return float(share)

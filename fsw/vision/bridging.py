@@ -19,7 +19,7 @@ from wingbeat.kernels import kernel
 BoolArray = NDArray[np.bool_]
 
 TRIED_CELLS = 100  # looked at in a trial, about
-LOOKED_CELLS = 240  # looked at once the place is confirmed, about: part of the wing is out of view
+LOOKED_CELLS = 150  # looked at once the place is confirmed, about: part of the wing is out of view
 NEAR_PX = 20.0  # and how far from their places
 CONFIRMED = 0.6  # least share of the lines that makes further trials needless, ...
 AS_BEFORE = 0.9  # ... and of the share in the frame before: half a wing that stands still confirms the wrong place too
@@ -37,6 +37,25 @@ def swing() -> FloatArray:
     for term, share in _SWING.items():
         change[RIGID + term] = share
     return change
+
+
+@kernel
+def carry(seen: Sightings, corners_px: FloatArray) -> None:
+    """Refer the sightings to where the surface expects their lines by now.
+
+    A line that meets its place so is the one that another look from there would find: the next one is a pitch away.
+    """
+    for eye in range(2):
+        for n in range(corners_px.shape[1]):
+            for i in range(2):
+                if math.isnan(seen.offset_px[eye, n, i]):
+                    continue
+                a, b = corners_px[eye, n, SIDES_SEARCHED[i]], corners_px[eye, n, SIDES_SEARCHED[i] + 1]
+                normal, middle = seen.normal[eye, n, i], seen.middle_px[eye, n, i]
+                x, y = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
+                moved = (x - middle[0]) * normal[0] + (y - middle[1]) * normal[1]
+                seen.offset_px[eye, n, i] -= moved
+                middle[0], middle[1] = x, y
 
 
 @kernel

@@ -94,21 +94,22 @@ def _fit(
             sign = -1.0 if side == 0 or side == 3 else 1.0
             a, b, tilt = 0.0, 0.0, np.inf
             for attempt in range(3):
-                s = np.zeros(6)
-                for q in p:
-                    u = (q[along] - middle[along]) / half[along]
-                    v = q[across] - middle[across]
+                s, su, suu, sv, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                for q in range(len(p)):
+                    u = (p[q, along] - middle[along]) / half[along]
+                    v = p[q, across] - middle[across]
                     if abs(u) > _MIDDLE or v * sign <= 0.0:
                         continue
                     if attempt and abs(v - a - b * u) > tilt:
                         continue
-                    s += np.array([1.0, u, u * u, v, u * v, v * v])
-                det = s[0] * s[2] - s[1] * s[1]
-                if s[0] < 0.5 * _MIDDLE * 2.0 * half[along] or det <= 1e-6 * s[0] * s[0]:
+                    s, su, suu = s + 1.0, su + u, suu + u * u
+                    sv, suv, svv = sv + v, suv + u * v, svv + v * v
+                det = s * suu - su * su
+                if s < 0.5 * _MIDDLE * 2.0 * half[along] or det <= 1e-6 * s * s:
                     fine = False
                     break
-                a, b = (s[2] * s[3] - s[1] * s[4]) / det, (s[0] * s[4] - s[1] * s[3]) / det
-                rms = np.sqrt(max(0.0, (s[5] - a * s[3] - b * s[4]) / s[0]))
+                a, b = (suu * sv - su * suv) / det, (s * suv - su * sv) / det
+                rms = np.sqrt(max(0.0, (svv - a * sv - b * suv) / s))
                 tilt = max(2.0 * rms, 1.0)
             if not fine or rms > max(0.75, _MAX_RESIDUAL * min(cell_px[0], cell_px[1])):
                 fine = False
@@ -177,14 +178,15 @@ def refine(corners: FloatArray, view: NDArray[np.float32], reach: int) -> None:
             shift, turn = 0.0, 0.0
             if found >= samples // 2:
                 middle = np.median(offset[:found])
-                s = np.zeros(5)
+                s, su, suu, sv, suv = 0.0, 0.0, 0.0, 0.0, 0.0
                 for i in range(found):
                     if abs(offset[i] - middle) <= 1.0:
-                        s += np.array([1.0, weight[i], weight[i] ** 2, offset[i], weight[i] * offset[i]])
-                det = s[0] * s[2] - s[1] * s[1]
-                if s[0] >= samples // 2 and det > 0.1 * s[0]:
-                    shift = (s[2] * s[3] - s[1] * s[4]) / det
-                    turn = (s[0] * s[4] - s[1] * s[3]) / det
+                        s, su, suu = s + 1.0, su + weight[i], suu + weight[i] ** 2
+                        sv, suv = sv + offset[i], suv + weight[i] * offset[i]
+                det = s * suu - su * su
+                if s >= samples // 2 and det > 0.1 * s:
+                    shift = (suu * sv - su * suv) / det
+                    turn = (s * suv - su * sv) / det
             x0, y0 = x0 + (shift - 0.5 * turn) * a, y0 + (shift - 0.5 * turn) * b
             x1, y1 = x1 + (shift + 0.5 * turn) * a, y1 + (shift + 0.5 * turn) * b
             line[side, 0], line[side, 1] = y1 - y0, x0 - x1

@@ -1,4 +1,4 @@
-"""Grey values into classes: exact one-dimensional K-means, and a local threshold for uneven light."""
+"""Grey values into classes: exact one-dimensional K-means, and one threshold for the whole image, as in the paper."""
 
 import cv2
 import numpy as np
@@ -13,17 +13,6 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 FloatImage = NDArray[np.float32]
 
 CLASSES = 3  # K of the paper: background, cells, lines
-# A pixel belongs to a line where its ridge reaches this part of the ridges around it: below one half, so that a
-# line which the lens has blurred still separates two cells beside a broad bright border.
-_RIDGE = 0.45
-# Lines beside a shadow's edge are looked for down to this part of the lit ones' ridge.
-_SHADE = 0.3
-# A pixel above the cells' level by this part of a line's contrast is no cell (borders, bright background).
-_PLATEAU = 0.75
-# Cells lie below the brightness of the lines near by, at least by this part of a line's contrast.
-_BELOW = 0.35
-# Ridges smaller than this many times the median ridge (which is noise: most pixels lie on no line) are noise.
-_NOISE = 5.0
 
 
 @kernel
@@ -109,63 +98,3 @@ def binarise(image: Image, dark: bool, classes: int = CLASSES, row_step: int = 4
     level = int(thresholds[np.argmax(np.diff(centres))])
     cells = cv2.inRange(image, 0, level) if dark else cv2.inRange(image, level + 1, int(np.iinfo(image.dtype).max))
     return np.asarray(cells, dtype=np.uint8)
-
-
-def local_cells(
-    view: FloatImage, cell_px: tuple[float, float], line_px: tuple[float, float]
-) -> tuple[ByteImage, float]:
-    """Cells 255, all else 0, in a metric view whose cells are DARK and lie along its axes; for any smooth light.
-
-    view (h, w); cell_px, line_px: width and height of cells, and of the lines across x and across y. Also returns
-    the typical contrast of a line. Lines are ridges against what lies within a third of a cell (top-hat along x and
-    along y), judged by the ridges near by; borders wider than that, and a bright background, rise above the cells'
-    local level.
-    """
-    height, width = view.shape
-    reach = 0.3 * min(cell_px)
-    span = [int(2 * np.ceil((1.5 * line + reach) / 2.0) + 1) for line in line_px]
-    tile = [max(4, round(1.15 * (c + line))) for c, line in zip(cell_px, line_px, strict=True)]
-    over = [int(np.ceil(n / t)) for n, t in zip((width, height), tile, strict=True)]
-    ridge = np.zeros(view.shape, dtype=bool)
-    contrast = np.zeros((over[1], over[0]), dtype=np.float32)
-    weight, weighted = np.full_like(contrast, 1e-6), np.zeros_like(contrast)
-    for along, shape in enumerate((np.ones((1, span[0]), np.uint8), np.ones((span[1], 1), np.uint8))):
-        top = cv2.morphologyEx(view, cv2.MORPH_TOPHAT, shape, borderType=cv2.BORDER_REPLICATE)
-        hat = np.asarray(top, dtype=np.float32)
-        tiles = _tiles(hat, tile, over)
-        # The highest ridge across a tile, averaged along it: a hot pixel or a hinge counts little.
-        level = tiles.max(axis=3).mean(axis=1) if along == 0 else tiles.max(axis=1).mean(axis=2)
-        # One bright tile (a glint) does not count; a dark one (a shadow's edge, the sky) only down to a part.
-        around = _rank(level, 6)
-        level = np.clip(level, _SHADE * around, around)
-        floor = _NOISE * float(np.median(hat[::3, ::3]))
-        contrast = np.maximum(contrast, level)
-        weight += np.square(tiles).sum(axis=(1, 3))
-        weighted += (np.square(tiles) * _tiles(view, tile, over)).sum(axis=(1, 3))
-        ridge |= hat > _spread(_RIDGE * np.maximum(level, floor), tile, view.shape)
-    base = np.median(_tiles(view, tile, over)[:, ::3, :, ::3], axis=(1, 3)).astype(np.float32)
-    # A dark background beside the wing lies far below the cells: they reach up to the lines' level less a part.
-    ceiling_at = np.maximum(_rank(base, 2) + _PLATEAU * contrast, _rank(weighted / weight, 4) - _BELOW * contrast)
-    ceiling = _spread(ceiling_at, tile, view.shape)
-    cells = np.where(ridge | (view > ceiling), np.uint8(0), np.uint8(255))
-    return cells, float(np.percentile(contrast, 75.0))
-
-
-def _tiles(view: FloatImage, tile: list[int], over: list[int]) -> FloatImage:
-    """View as (tile row, y in it, tile column, x in it); the last ones are filled by repeating the edge."""
-    pad = (over[1] * tile[1] - view.shape[0], over[0] * tile[0] - view.shape[1])
-    filled = cv2.copyMakeBorder(view, 0, pad[0], 0, pad[1], cv2.BORDER_REPLICATE)
-    return np.asarray(filled, dtype=np.float32).reshape(over[1], tile[1], over[0], tile[0])
-
-
-def _rank(level: FloatImage, rank: int) -> FloatImage:
-    """The rank-th of the nine values round each tile (0 is the least)."""
-    wide = np.pad(level, 1, mode="edge")
-    near = np.stack([wide[y : y + level.shape[0], x : x + level.shape[1]] for y in range(3) for x in range(3)])
-    return np.partition(near, rank, axis=0)[rank]
-
-
-def _spread(level: FloatImage, tile: list[int], shape: tuple[int, ...]) -> FloatImage:
-    """Values at the tiles' centres, interpolated to every pixel."""
-    full = cv2.resize(level, (level.shape[1] * tile[0], level.shape[0] * tile[1]), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(full, dtype=np.float32)[: shape[0], : shape[1]]

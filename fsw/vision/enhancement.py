@@ -1,6 +1,7 @@
 """Characteristic enhancement: the equivalent view at right angles to the wing, and the scene's `char` (Eq. 13-20)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -88,9 +89,9 @@ def metric_view(
 ) -> MetricView:  # fmt: skip
     """Resample an image of this eye (lens distortion included) onto the wing's plane; box_mm (2, 2): corners.
 
-    shrink: whole factor by which the image is averaged down first, where the view is coarser than the image.
+    shrink: greatest factor by which the image may be averaged down first, where the view is coarser than the image.
     """
-    small = image if shrink == 1 else _shrink(image, shrink)
+    small, shrink = _halved(image, shrink)
     width, height = (int(n) for n in np.ceil((box_mm[1] - box_mm[0]) / mm_per_px) + 1)
     cells = [(n + _NODE_STEP - 1) // _NODE_STEP + 1 for n in (width, height)]
     x, y = (box_mm[0, k] + mm_per_px * _NODE_STEP * np.arange(cells[k]) for k in (0, 1))
@@ -106,12 +107,18 @@ def metric_view(
     return MetricView(pixels, inside, box_mm[0].copy(), mm_per_px, plane_homography(rig, eye, R, t_mm))
 
 
-def _shrink(image: Image, factor: int) -> Image:
-    """Mean of factor x factor blocks; what is left over at the right and lower edge is dropped."""
-    height, width = (n // factor for n in image.shape)
-    block = image[: height * factor, : width * factor]
-    small = cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA)
-    return small.astype(np.uint8) if image.dtype == np.uint8 else small.astype(np.uint16)
+def _halved(image: Image, most: int) -> tuple[Image, int]:
+    """Mean of blocks, and their side: a power of two, which averages fastest, up to the one given.
+
+    What is left over at the right and lower edge is dropped.
+    """
+    small: NDArray[Any] = image
+    side = 1
+    while 2 * side <= most:
+        height, width = (n // 2 for n in small.shape)
+        small = cv2.resize(small[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+        side *= 2
+    return small, side
 
 
 def _seen(

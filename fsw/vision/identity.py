@@ -88,28 +88,26 @@ def labellings(
     dropped = len(main.member)
     for one in table:
         columns, rows = one.cell.shape
-        for g in range(1 - wide, columns):
-            false_steps = _false_steps(ratios, one, g)
-            left, right = max(-g, 0), min(columns - g, wide)
-            for r in range(1 - high, rows):
-                low, top = max(-r, 0), min(rows - r, high)
-                on_wing = int(held[right, top] - held[left, top] - held[right, low] + held[left, low])
-                off = len(main.member) - on_wing
-                wrong = off + false_steps
-                if wrong > hopeless or on_wing < _CROWD:
-                    dropped = min(dropped, wrong)
-                    continue
-                at = main.place + np.array([g, r])
-                on = np.all((at >= 0) & (at < one.cell.shape), axis=1)
-                cell = one.cell[at[on, 0], at[on, 1]]
-                shift = np.median(centre[main.member[on]] - grid.centre_mm[cell], axis=0)
-                if np.any(np.abs(shift) > bound_mm):
-                    continue
-                label = np.full(len(centre), -1, dtype=np.int64)
-                label[main.member[on]] = cell
-                warp = _take_in(label, centre, grid)
-                unexplained = int((crowd & (label < 0)).sum()) - off
-                found.append(Labelling(label, wrong + max(unexplained, 0), warp))
+        g, r = np.arange(1 - wide, columns), np.arange(1 - high, rows)
+        left, right = held[np.maximum(-g, 0)], held[np.minimum(columns - g, wide)]
+        low, top = np.maximum(-r, 0), np.minimum(rows - r, high)
+        on_wing = right[:, top] - left[:, top] - right[:, low] + left[:, low]
+        off = len(main.member) - on_wing
+        wrong = off + _false_steps(ratios, one, g)[:, None]
+        open_ = (wrong <= hopeless) & (on_wing >= _CROWD)
+        dropped = min(dropped, int(np.min(wrong[~open_], initial=dropped)))
+        for i, j in np.argwhere(open_):
+            at = main.place + np.array([g[i], r[j]])
+            on = np.all((at >= 0) & (at < one.cell.shape), axis=1)
+            cell = one.cell[at[on, 0], at[on, 1]]
+            shift = np.median(centre[main.member[on]] - grid.centre_mm[cell], axis=0)
+            if np.any(np.abs(shift) > bound_mm):
+                continue
+            label = np.full(len(centre), -1, dtype=np.int64)
+            label[main.member[on]] = cell
+            warp = _take_in(label, centre, grid)
+            unexplained = int((crowd & (label < 0)).sum() - off[i, j])
+            found.append(Labelling(label, int(wrong[i, j]) + max(unexplained, 0), warp))
     return found, dropped
 
 
@@ -121,20 +119,21 @@ def _column_ratios(lattice: Lattice) -> list[tuple[int, int, float]]:
     return [(c, len(s), float(np.median(s))) for c, s in shown if len(s) >= _STEP_ROWS]
 
 
-def _false_steps(ratios: Sequence[tuple[int, int, float]], table: Table, first: int) -> int:
-    """Number of cells at fold gaps that should not be there, or without those that should.
+def _false_steps(ratios: Sequence[tuple[int, int, float]], table: Table, first: IntArray) -> IntArray:
+    """Number of cells (n,) at fold gaps that should not be there, or without those that should.
 
-    first: the table's column that the lattice's column 0 would be.
+    first (n,): the table's column that the lattice's column 0 would be.
     """
     step = table.step_mm
     gaps = np.abs(step / table.pitch_mm[0] - 1.0)
     gaps = gaps[gaps > _STEP[0]]
     limit = np.clip(0.4 * gaps.min(), *_STEP) if len(gaps) else _STEP[1]
-    wrong = 0
+    wrong = np.zeros(len(first), dtype=np.int64)
+    expected = step[1:] / step[:-1]
     for column, rows, ratio in ratios:
-        c = first + column
-        if 0 < c < len(step) and abs(ratio / (step[c] / step[c - 1]) - 1.0) > limit:
-            wrong += rows
+        between = first + column - 1
+        known = (between >= 0) & (between < len(expected))
+        wrong[known] += rows * (np.abs(ratio / expected[between[known]] - 1.0) > limit)
     return wrong
 
 

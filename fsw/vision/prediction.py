@@ -26,6 +26,9 @@ RIGID, BENDING, LEAN = 3, 12, 5
 FEW = RIGID + 7  # the unknowns of a quick look, which must not bend to follow a mistaken line
 UNKNOWNS = RIGID + BENDING + LEAN
 
+# Which of them move a point along the wing's X, Y and Z.
+ALONG_X, ALONG_Y, ALONG_Z = (0, 2, 15, 16, 17), (1, 2, 18, 19), (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14)
+
 # How large they may be, as standard deviations at the wing's end.
 _SIGMA_MM = [50.0] * RIGID + [100.0] * 5 + [30.0] * 2 + [3.0, 3.0, 10.0, 20.0, 10.0] + [5.0] * LEAN
 _POINT_SIGMA_MM = 0.1  # what a measured centre's distance from this surface is, at most
@@ -55,15 +58,17 @@ class Normal(NamedTuple):
 
     matrix: FloatArray  # (UNKNOWNS, UNKNOWNS)
     right: FloatArray  # (UNKNOWNS,)
-    row: FloatArray  # (4, UNKNOWNS) equations in the making
     step: FloatArray  # (UNKNOWNS,)
+    rows: FloatArray  # (4 N, UNKNOWNS) equations, one a sighted line,
+    values: FloatArray  # (4 N,) and their right sides
     sorted: FloatArray  # (N,) distances in order, for their median
 
 
 def make_normal(count: int) -> Normal:
     """Take the working memory for `count` cells."""
     n = UNKNOWNS
-    return Normal(np.zeros((n, n)), np.zeros(n), np.zeros((4, n)), np.zeros(n), np.zeros(count))
+    lines = 4 * count
+    return Normal(np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros((lines, n)), np.zeros(lines), np.zeros(count))
 
 
 def make_surface(grid: CellGrid) -> Surface:
@@ -95,19 +100,19 @@ def set_pose(surface: Surface, rotation: FloatArray, translation_mm: FloatArray)
 
 
 @kernel
-def shares_of(surface: Surface, X: float, Y: float, basis: FloatArray, out: FloatArray) -> None:
-    """Derivative (3, UNKNOWNS) of a point's place in the left camera's frame with respect to the unknowns."""
-    R = surface.rotation
-    for i in range(3):
-        out[i, 0] = R[i, 0]
-        out[i, 1] = R[i, 1]
-        out[i, 2] = (R[i, 1] * X - R[i, 0] * Y) / surface.half_mm
-        for j in range(BENDING):
-            out[i, RIGID + j] = R[i, 2] * basis[j]
-        x, x2, xy = basis[1], basis[4], basis[3]
-        lean = RIGID + BENDING
-        out[i, lean], out[i, lean + 1], out[i, lean + 2] = R[i, 0] * x, R[i, 0] * x2, R[i, 0] * xy
-        out[i, lean + 3], out[i, lean + 4] = R[i, 1] * x, R[i, 1] * x2
+def derive(
+    surface: Surface, X: float, Y: float, basis: FloatArray, x: float, y: float, z: float, row: FloatArray
+) -> None:
+    """Derivative (UNKNOWNS,) of a point's place along a direction x, y, z of the wing's axes.
+
+    X, Y, basis (BENDING,): of the point on the flat wing.
+    """
+    row[0], row[1], row[2] = x, y, (y * X - x * Y) / surface.half_mm
+    for j in range(BENDING):
+        row[RIGID + j] = z * basis[j]
+    i = RIGID + BENDING
+    row[i], row[i + 1], row[i + 2] = x * basis[1], x * basis[4], x * basis[3]
+    row[i + 3], row[i + 4] = y * basis[1], y * basis[4]
 
 
 @kernel
@@ -134,19 +139,22 @@ def expect(
 ) -> None:
     """Expected ideal pixels of corners (2, N, 4, 2), centres (2, N, 2), and whether a centre is in the image (2, N).
 
-    step: of every so many cells; the others stay.
+    step: of every so many cells; the others stay. Corners of cells in view of neither eye stay as well.
     """
     for n in range(0, surface.flat_mm.shape[0], step):
-        for k in range(5):
+        x, y, z = locate(surface, n, 4)
+        for eye in range(2):
+            u, v, depth = project(eyes.projection[eye], x, y, z)
+            centre_px[eye, n, 0], centre_px[eye, n, 1] = u, v
+            inside, _, _ = image_point(eyes, eye, u, v)
+            in_view[eye, n] = inside and depth > 0.0
+        if not (in_view[0, n] or in_view[1, n]):
+            continue
+        for k in range(4):
             x, y, z = locate(surface, n, k)
             for eye in range(2):
-                u, v, depth = project(eyes.projection[eye], x, y, z)
-                if k < 4:
-                    corners_px[eye, n, k, 0], corners_px[eye, n, k, 1] = u, v
-                else:
-                    centre_px[eye, n, 0], centre_px[eye, n, 1] = u, v
-                    inside, _, _ = image_point(eyes, eye, u, v)
-                    in_view[eye, n] = inside and depth > 0.0
+                u, v, _ = project(eyes.projection[eye], x, y, z)
+                corners_px[eye, n, k, 0], corners_px[eye, n, k, 1] = u, v
 
 
 @kernel
@@ -158,6 +166,16 @@ def add_equation(
         right[i] += weight * row[i] * value
         for j in range(i + 1):
             matrix[i, j] += weight * row[i] * row[j]
+
+
+@kernel
+def _add_along(matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, unknowns: tuple[int, ...]) -> None:
+    """Add an equation that some of the unknowns, in rising order, take part in."""
+    for a in range(len(unknowns)):
+        i = unknowns[a]
+        right[i] += row[i] * value
+        for b in range(a + 1):
+            matrix[i, unknowns[b]] += row[i] * row[unknowns[b]]
 
 
 @kernel
@@ -176,7 +194,7 @@ def fit_surface(
     is none. What lies off is judged by the other cells, whose distances show how well the surface can follow this
     wing; widest_mm is as far as any cell may lie. With too few points the surface stays as it is.
     """
-    shares, A, b = normal.row[:3], normal.matrix, normal.right
+    row, A, b, R = normal.rows[0], normal.matrix, normal.right, surface.rotation
     gate = math.inf
     for turn in range(FIT_TURNS):
         A[:] = 0.0
@@ -186,11 +204,16 @@ def fit_surface(
             if not valid[n] or (turn > 0 and distance_mm[n] > max(gate, GATE_SIGMAS * sigma_mm[n])):
                 continue
             x, y, z = locate(surface, n, 4)
-            r = (xyz_mm[n, 0] - x, xyz_mm[n, 1] - y, xyz_mm[n, 2] - z)
+            dx, dy, dz = xyz_mm[n, 0] - x, xyz_mm[n, 1] - y, xyz_mm[n, 2] - z
             used += 1
-            shares_of(surface, surface.flat_mm[n, 4, 0], surface.flat_mm[n, 4, 1], surface.basis[n, 4], shares)
-            for i in range(3):
-                add_equation(A, b, shares[i], r[i], 1.0, UNKNOWNS)
+            # Along the wing's own axes few unknowns take part in an equation.
+            X, Y, basis = surface.flat_mm[n, 4, 0], surface.flat_mm[n, 4, 1], surface.basis[n, 4]
+            derive(surface, X, Y, basis, 1.0, 0.0, 0.0, row)
+            _add_along(A, b, row, R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz, ALONG_X)
+            derive(surface, X, Y, basis, 0.0, 1.0, 0.0, row)
+            _add_along(A, b, row, R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz, ALONG_Y)
+            derive(surface, X, Y, basis, 0.0, 0.0, 1.0, row)
+            _add_along(A, b, row, R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz, ALONG_Z)
         if used >= LEAST_POINTS:
             for j in range(UNKNOWNS):
                 A[j, j] += surface.point_prior[j]

@@ -7,16 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, Image, solve
-from fsw.vision.prediction import Normal, Surface, add_equation, locate, shares_of
+from fsw.vision.prediction import Normal, Surface, add_equation, derive, locate
 from fsw.vision.rig import Eyes, image_point, project
 from fsw.vision.sides import MIN_CONTRAST
 from wingbeat.kernels import kernel
 
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 SEARCH = 0.4  # of a cell's extent: how far the quick update looks for a line; half would reach the next line
 SEARCH_PX = 256  # at most
 SEARCH_LINES = 3  # profiles averaged along a side
+FIXED = 1 << 16  # parts of a pixel in which profiles are walked
 TURNS = 6  # of the robust fit, at most; the gate shrinks from turn to turn ...
 SETTLED = 0.02  # ... until it changes by less than this part
 
@@ -28,12 +30,14 @@ class Sightings(NamedTuple):
 
     offset_px: FloatArray  # (2, N, 2) of the lines across SIDES_SEARCHED, NaN where none was found
     normal: FloatArray  # (2, N, 2, 2) outward normals of those sides
-    profile: FloatArray  # (2, 2 * SEARCH_PX) one row an eye
+    middle_px: FloatArray  # (2, N, 2, 2) and their middles, where they were expected when looked at
+    profile: IntArray  # (2, 2 * SEARCH_PX) one row an eye
 
 
 def make_sightings(count: int) -> Sightings:
     """Take the arrays for `count` cells."""
-    return Sightings(np.full((2, count, 2), np.nan), np.zeros((2, count, 2, 2)), np.zeros((2, 2 * SEARCH_PX)))
+    normal, middle = np.zeros((2, 2, count, 2, 2))
+    return Sightings(np.full((2, count, 2), np.nan), normal, middle, np.zeros((2, 2 * SEARCH_PX), dtype=np.int64))
 
 
 @kernel
@@ -46,7 +50,7 @@ def find_line(
     line_ratio: float,
     sign: float,
     within_px: float,
-    profile: FloatArray,
+    profile: IntArray,
 ) -> tuple[bool, float, float, float]:
     """Look across one side for the line nearest to where it is expected.
 
@@ -77,28 +81,50 @@ def find_line(
         last, x1, y1 = image_point(eyes, eye, u + (count - 1 - before) * nx, v + (count - 1 - before) * ny)
         if not (first and last):
             return False, 0.0, nx, ny
-        dx, dy = (x1 - x0) / (count - 1), (y1 - y0) / (count - 1)
+        # In fixed point, to the nearest pixel.
+        x, y = int(x0 * FIXED) + FIXED // 2, int(y0 * FIXED) + FIXED // 2
+        dx, dy = round((x1 - x0) * FIXED / (count - 1)), round((y1 - y0) * FIXED / (count - 1))
         for i in range(count):
-            profile[i] += image[int(y0 + i * dy + 0.5), int(x0 + i * dx + 0.5)]
-    best, where = 0.0, 0
-    left, inner, right = 0.0, 0.0, 0.0  # sums over the windows before, on and behind the line, moved pixel by pixel
+            profile[i] += image[y // FIXED, x // FIXED]
+            x, y = x + dx, y + dy
+    best, where, peak = 0.0, 0, (0, 0, 0)
+    left, inner, right = 0, 0, 0  # sums over the windows before, on and behind the line, moved pixel by pixel
     for i in range(flank):
         left += profile[i]
         right += profile[flank + width + i]
     for i in range(width):
         inner += profile[flank + i]
+    of_inner, of_flank = sign / width, sign / flank
     for start in range(flank, flank + 2 * reach + 1):
         # The weaker of the two steps counts: a border or a shadow's edge has one step only.
-        score = min(sign * (inner / width - left / flank), sign * (inner / width - right / flank))
+        score = min(of_inner * inner - of_flank * left, of_inner * inner - of_flank * right)
         if score > best:
-            best, where = score, start
+            best, where, peak = score, start, (left, inner, right)
         if start < flank + 2 * reach:
             left += profile[start] - profile[start - flank]
             inner += profile[start + width] - profile[start]
             right += profile[start + width + flank] - profile[start + width]
+    if best <= MIN_CONTRAST * SEARCH_LINES:
+        return False, 0.0, nx, ny
     # The window's middle is the line's; its first pixel lies half a pixel behind the edge.
     offset = where - before + 0.5 * (width - 1 - line_ratio * extent)
-    return best > MIN_CONTRAST * SEARCH_LINES, offset, nx, ny
+    if flank < where < flank + 2 * reach:
+        a, b, c, d = where - flank, where, where + width, where + width + flank
+        # Both steps together fall off evenly to either side of the line's place: the crossing of the two slopes.
+        p, q, r, s = profile[a - 1], profile[b - 1], profile[c - 1], profile[d - 1]
+        back = _both_steps(peak[0] + p - q, peak[1] + q - r, peak[2] + r - s, of_inner, of_flank)
+        p, q, r, s = profile[a], profile[b], profile[c], profile[d]
+        ahead = _both_steps(peak[0] - p + q, peak[1] - q + r, peak[2] - r + s, of_inner, of_flank)
+        fall = _both_steps(peak[0], peak[1], peak[2], of_inner, of_flank) - min(back, ahead)
+        if fall > 0.0:
+            offset += min(max(0.5 * (ahead - back) / fall, -0.5), 0.5)
+    return True, offset, nx, ny
+
+
+@kernel
+def _both_steps(left: int, inner: int, right: int, of_inner: float, of_flank: float) -> float:
+    """How much the line stands out against both windows together."""
+    return 2.0 * of_inner * inner - of_flank * (left + right)
 
 
 @kernel
@@ -133,6 +159,8 @@ def look(
             if good:
                 seen.offset_px[eye, n, i] = offset
                 seen.normal[eye, n, i, 0], seen.normal[eye, n, i, 1] = nx, ny
+                a, b = corners_px[n, side], corners_px[n, side + 1]
+                seen.middle_px[eye, n, i, 0], seen.middle_px[eye, n, i, 1] = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
                 found += 1
     return found
 
@@ -144,41 +172,24 @@ def settle(surface: Surface, eyes: Eyes, seen: Sightings, unknowns: int, normal:
     unknowns: how many of the surface's may move, FEW or UNKNOWNS. Returns the number of sightings and their weighted
     rms distance left, in pixels.
     """
-    shares, row, A, b = normal.row[:3], normal.row[3], normal.matrix, normal.right
-    scale, count, step = 0.0, 0, normal.step
+    A, b, step = normal.matrix, normal.right, normal.step
+    count = _equations(surface, eyes, seen, normal)
+    scale = 0.0
     step[:] = 0.0
     for turn in range(TURNS + 1):
         A[:] = 0.0
         b[:] = 0.0
-        squares, weights, count = 0.0, 0.0, 0
-        for eye in range(2):
-            P = eyes.projection[eye]
-            for n in range(seen.offset_px.shape[1]):
-                for i in range(2):
-                    offset = seen.offset_px[eye, n, i]
-                    if math.isnan(offset):
-                        continue
-                    k, k1 = SIDES_SEARCHED[i], SIDES_SEARCHED[i] + 1
-                    x0, y0, z0 = locate(surface, n, k)
-                    x1, y1, z1 = locate(surface, n, k1)
-                    u, v, w = project(P, 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1))
-                    X = 0.5 * (surface.flat_mm[n, k, 0] + surface.flat_mm[n, k1, 0])
-                    Y = 0.5 * (surface.flat_mm[n, k, 1] + surface.flat_mm[n, k1, 1])
-                    shares_of(surface, X, Y, surface.basis[n, k], shares)
-                    nx, ny = seen.normal[eye, n, i]
-                    gx = (nx * (P[0, 0] - u * P[2, 0]) + ny * (P[1, 0] - v * P[2, 0])) / w
-                    gy = (nx * (P[0, 1] - u * P[2, 1]) + ny * (P[1, 1] - v * P[2, 1])) / w
-                    gz = (nx * (P[0, 2] - u * P[2, 2]) + ny * (P[1, 2] - v * P[2, 2])) / w
-                    residual = offset
-                    for j in range(unknowns):
-                        row[j] = gx * shares[0, j] + gy * shares[1, j] + gz * shares[2, j]
-                        residual -= row[j] * step[j]
-                    # Cauchy's weights: a line that was mistaken for its neighbour's loses its say.
-                    weight = 1.0 if turn == 0 else 1.0 / (1.0 + (residual / scale) ** 2)
-                    squares += weight * residual * residual
-                    weights += weight
-                    count += 1
-                    add_equation(A, b, row, offset, weight, unknowns)
+        squares, weights = 0.0, 0.0
+        for i in range(count):
+            row, value = normal.rows[i], normal.values[i]
+            residual = value
+            for j in range(unknowns):
+                residual -= row[j] * step[j]
+            # Cauchy's weights: a line that was mistaken for its neighbour's loses its say.
+            weight = 1.0 if turn == 0 else 1.0 / (1.0 + (residual / scale) ** 2)
+            squares += weight * residual * residual
+            weights += weight
+            add_equation(A, b, row, value, weight, unknowns)
         before, scale = scale, max(0.5, math.sqrt(squares / max(weights, 1.0)))
         settled = turn > 1 and abs(scale - before) < SETTLED * before
         if turn == TURNS or settled or count < 2 * unknowns:
@@ -192,3 +203,33 @@ def settle(surface: Surface, eyes: Eyes, seen: Sightings, unknowns: int, normal:
     for j in range(unknowns):
         surface.unknowns[j] += step[j]
     return count, scale
+
+
+@kernel
+def _equations(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> int:
+    """One equation for each sighted line: what moves its middle outwards, and how far it is off; returns how many."""
+    R, count = surface.rotation, 0
+    for eye in range(2):
+        P = eyes.projection[eye]
+        for n in range(seen.offset_px.shape[1]):
+            for i in range(2):
+                offset = seen.offset_px[eye, n, i]
+                if math.isnan(offset):
+                    continue
+                k, k1 = SIDES_SEARCHED[i], SIDES_SEARCHED[i] + 1
+                x0, y0, z0 = locate(surface, n, k)
+                x1, y1, z1 = locate(surface, n, k1)
+                u, v, w = project(P, 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1))
+                X = 0.5 * (surface.flat_mm[n, k, 0] + surface.flat_mm[n, k1, 0])
+                Y = 0.5 * (surface.flat_mm[n, k, 1] + surface.flat_mm[n, k1, 1])
+                nx, ny = seen.normal[eye, n, i]
+                gx = (nx * (P[0, 0] - u * P[2, 0]) + ny * (P[1, 0] - v * P[2, 0])) / w
+                gy = (nx * (P[0, 1] - u * P[2, 1]) + ny * (P[1, 1] - v * P[2, 1])) / w
+                gz = (nx * (P[0, 2] - u * P[2, 2]) + ny * (P[1, 2] - v * P[2, 2])) / w
+                x = R[0, 0] * gx + R[1, 0] * gy + R[2, 0] * gz
+                y = R[0, 1] * gx + R[1, 1] * gy + R[2, 1] * gz
+                z = R[0, 2] * gx + R[1, 2] * gy + R[2, 2] * gz
+                derive(surface, X, Y, surface.basis[n, k], x, y, z, normal.rows[count])
+                normal.values[count] = offset
+                count += 1
+    return count

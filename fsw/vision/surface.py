@@ -1,12 +1,15 @@
 """The wing's surface in one eye's metric view: a smooth displacement field, and the lines that show where cells are."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.clustering import FloatImage
 from fsw.vision.enhancement import MetricView
 from fsw.vision.grid import SIDES, CellGrid
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -32,12 +35,32 @@ class Warp:
 
     def __call__(self, xy_mm: FloatArray) -> FloatArray:
         """View positions (..., 2) in mm of wing points (..., 2)."""
-        return xy_mm + _basis((xy_mm - self.middle_mm) / self.unit_mm) @ self.coefficient
+        flat = np.ascontiguousarray(xy_mm).reshape(-1, 2)
+        return _displaced(flat, self.middle_mm, self.unit_mm, self.coefficient).reshape(xy_mm.shape)
 
 
 def _basis(xy: FloatArray) -> FloatArray:
     x, y = xy[..., 0], xy[..., 1]
-    return np.stack((np.ones_like(x), x, y, x * y, x * x, y * y, x**3, x * x * y), axis=-1)
+    return np.stack((np.ones_like(x), x, y, x * y, x * x, y * y, x * x * x, x * x * y), axis=-1)
+
+
+@kernel
+def _displace(X: float, Y: float, middle: FloatArray, unit: float, c: FloatArray) -> tuple[float, float]:
+    """One point of the field: the sum of the terms of _basis."""
+    x, y = (X - middle[0]) / unit, (Y - middle[1]) / unit
+    terms = (1.0, x, y, x * y, x * x, y * y, x * x * x, x * x * y)
+    for k in range(8):
+        X += terms[k] * c[k, 0]
+        Y += terms[k] * c[k, 1]
+    return X, Y
+
+
+@kernel
+def _displaced(xy_mm: FloatArray, middle: FloatArray, unit: float, coefficient: FloatArray) -> FloatArray:
+    out = np.empty_like(xy_mm)
+    for n in range(len(xy_mm)):
+        out[n, 0], out[n, 1] = _displace(xy_mm[n, 0], xy_mm[n, 1], middle, unit, coefficient)
+    return out
 
 
 def fit_warp(grid: CellGrid, wing_mm: FloatArray, view_mm: FloatArray) -> tuple[Warp, FloatArray]:
@@ -67,15 +90,10 @@ def predicted_inside(view: MetricView, warp: Warp, grid: CellGrid) -> BoolArray:
 
 def inside(view: MetricView, xy_mm: FloatArray) -> BoolArray:
     """Whether points (..., 2) in mm lie where the view has an image."""
-    return _sample(view.inside, view.pixel(xy_mm), False).astype(np.bool_)
-
-
-def _sample(pixels: NDArray[np.generic], uv: FloatArray, beyond: float) -> NDArray[np.generic]:
-    """Nearest pixel's value (...) at (..., 2)."""
-    at = np.round(np.nan_to_num(uv, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64)
-    good = np.all((at >= 0) & (at < pixels.shape[::-1]), axis=-1)
+    at = np.round(np.nan_to_num(view.pixel(xy_mm), nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64)
+    good = np.all((at >= 0) & (at < view.inside.shape[::-1]), axis=-1)
     at = np.where(good[..., None], at, 0)
-    return np.where(good, pixels[at[..., 1], at[..., 0]], beyond)
+    return np.asarray(good & view.inside[at[..., 1], at[..., 0]])
 
 
 def line_contrast(
@@ -86,25 +104,68 @@ def line_contrast(
     usable (m, 4): sides to look at; those at a panel's border have no line of known width and never count. Each
     side's line is looked for a little to the left and right of its place. Saturated cells tell nothing.
     """
-    corner = grid.corners_mm[cells]
-    following = np.roll(corner, -1, axis=1)
-    points = corner[:, :, None] + _ALONG[:, None] * (following - corner)[:, :, None]  # (m, 4, p, 2)
-    outward = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])[:, None]
-    width = grid.line_mm[cells]
-    size = np.linalg.norm(following - corner, axis=-1).min(axis=1)
+    field = (warp.middle_mm, warp.unit_mm, warp.coefficient)
+    place = (view.pixels, view.origin_mm, view.mm_per_px)
     sign = 1.0 if grid.dark else -1.0
+    return _contrasts(*place, field, grid.corners_mm[cells], grid.line_mm[cells], usable, sign, _SATURATED * full_scale)
 
-    def mean(offset: FloatArray) -> FloatArray:
-        return np.asarray(
-            _sample(view.pixels, view.pixel(warp(points + offset[:, :, None, None] * outward)), np.nan).mean(axis=2)
-        )
 
-    ok = usable & np.isfinite(width)
-    width = np.where(ok, width, 0.0)
-    slack = np.maximum(0.4 * width, view.mm_per_px)
-    within = mean(np.repeat(-_DEPTH * size[:, None], SIDES, axis=1))
-    on_line = np.stack([sign * mean(0.5 * width + k * slack) for k in (-1.0, 0.0, 1.0)]).max(axis=0)
-    ok &= np.isfinite(within) & np.isfinite(on_line) & (within < _SATURATED * full_scale)
-    count = ok.sum(axis=1)
-    total = np.where(ok, on_line - sign * within, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+@kernel
+def _contrasts(
+    pixels: FloatImage,
+    origin_mm: FloatArray,
+    mm_per_px: float,
+    field: tuple[FloatArray, float, FloatArray],
+    corner: FloatArray,
+    line_mm: FloatArray,
+    usable: BoolArray,
+    sign: float,
+    saturated: float,
+) -> FloatArray:
+    """Contrast (m,) of the usable lines (m, 4) of known width round cells of these corners (m, 4, 2)."""
+    out = np.empty(len(corner))
+    for n in range(len(corner)):
+        total, count, c = 0.0, 0, corner[n]
+        lengths = [math.hypot(c[(k + 1) % 4, 0] - c[k, 0], c[(k + 1) % 4, 1] - c[k, 1]) for k in range(SIDES)]
+        depth = _DEPTH * min(lengths)
+        for k in range(SIDES):
+            width = line_mm[n, k]
+            if not usable[n, k] or math.isnan(width):
+                continue
+            slack, line = max(0.4 * width, mm_per_px), -np.inf
+            within = _mean_along(pixels, origin_mm, mm_per_px, field, c, k, -depth)
+            for i in range(3):
+                value = sign * _mean_along(pixels, origin_mm, mm_per_px, field, c, k, 0.5 * width + (i - 1) * slack)
+                line = value if math.isnan(value) else max(line, value)
+                if math.isnan(line):
+                    break
+            if within < saturated and not math.isnan(line):
+                total += line - sign * within
+                count += 1
+        out[n] = total / count if count > 0 else np.nan
+    return out
+
+
+@kernel
+def _mean_along(
+    pixels: FloatImage,
+    origin_mm: FloatArray,
+    mm_per_px: float,
+    field: tuple[FloatArray, float, FloatArray],
+    corner: FloatArray,
+    side: int,
+    outwards_mm: float,
+) -> float:
+    """Mean of the view's nearest pixels along a side moved outwards; NaN where the view does not have all of it."""
+    middle, unit, coefficient = field
+    a, b = corner[side], corner[(side + 1) % SIDES]
+    away_x, away_y = ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))[side]
+    total = 0.0
+    for along in _ALONG:
+        X, Y = a[0] + along * (b[0] - a[0]) + outwards_mm * away_x, a[1] + along * (b[1] - a[1]) + outwards_mm * away_y
+        x, y = _displace(X, Y, middle, unit, coefficient)
+        u, v = np.rint((x - origin_mm[0]) / mm_per_px), np.rint((y - origin_mm[1]) / mm_per_px)
+        if not (0.0 <= u < pixels.shape[1] and 0.0 <= v < pixels.shape[0]):
+            return np.nan
+        total += pixels[int(v), int(u)]
+    return total / len(_ALONG)

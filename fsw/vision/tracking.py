@@ -62,7 +62,7 @@ class Tracker:
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
         self._column = grid.column
-        self._work = np.zeros((max(8, int(grid.column[-1]) + 1), 3))
+        self._work = np.zeros((int(grid.column[-1]) + 1, 2))
 
     def _cells(self, eye: int) -> Cells:
         """One eye's results, whose pixels are views of the arrays of both eyes."""
@@ -109,10 +109,8 @@ class Tracker:
         self, matched: NDArray[np.bool_], reprojection_gate_px: float = math.inf, epipolar_gate_px: float = math.inf
     ) -> int:
         """Triangulate the matched cells (N,), fit the surface, drop what lies off it; returns how many stay valid."""
-        triangulate_cells(
-            self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, self._work, self.points
-        )
         points = self.points
+        triangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, points)
         gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
         gate_mm = fit_surface(
             self.surface,
