@@ -112,3 +112,50 @@ def test_the_first_guess_of_a_gap_is_linear_in_time_and_constant_at_the_ends():
     y = np.array([[np.nan, 1.0], [3.0, np.nan], [np.nan, np.nan], [9.0, 5.0], [np.nan, 5.0]])
     fill_in_time(stamps, y, np.isfinite(y))
     assert np.allclose(y, [[3.0, 1.0], [3.0, 2.0], [5.0, 3.0], [9.0, 5.0], [9.0, 5.0]])
+
+
+def _slid(record, seconds, known=None):
+    """Results of a record's pieces of 6 s, a second apart, each begun with what the one before knew."""
+    time_s, y = record
+    rate_hz = ON_BOARD[1]
+    results = []
+    for k in range(seconds):
+        piece = slice(round(k * rate_hz), round(k * rate_hz) + round(6.0 * rate_hz))
+        results.append(identify(time_s[: piece.stop - piece.start], y[piece].astype(np.float32), known=known))
+        known = results[-1].subspace
+    return results
+
+
+def test_what_is_known_of_the_record_before_changes_the_result_by_less_than_its_sigma():
+    time_s, y = _on_board(10.0, 3)
+    y[np.random.default_rng(3).uniform(size=y.shape) < 0.02] = np.nan
+    for warm, k in zip(_slid((time_s, y), 4), range(4), strict=True):
+        cold = identify(time_s[:276], y[round(k * 46.0) :][:276].astype(np.float32))
+        assert len(cold.valid_modes) == 4
+        for a, b in zip(warm.valid_modes, cold.valid_modes, strict=True):
+            assert abs(a.frequency_hz - b.frequency_hz) < 0.5 * b.frequency_sigma_hz
+            assert a.frequency_sigma_hz == pytest.approx(b.frequency_sigma_hz, rel=0.1)
+            assert a.amplitude == pytest.approx(b.amplitude, rel=0.05)
+
+
+def test_a_mode_that_nothing_known_tells_of_is_found_in_the_first_record_that_has_it():
+    modes, rate_hz, points, noise_mm = ON_BOARD
+    time_s = np.arange(round(6.0 * rate_hz)) / rate_hz
+    two = {name: modes[name] for name in ("B1", "IP")}
+    known = identify(time_s, free_decay(two, time_s, points, noise_mm, 4, axes=slice(0, 3)).noisy).subspace
+    found = identify(time_s, free_decay(modes, time_s, points, noise_mm, 5, axes=slice(0, 3)).noisy, known=known)
+    assert [m.frequency_hz for m in found.valid_modes] == pytest.approx(list(modes.values()), rel=2e-3)
+
+
+def test_of_fewer_channels_the_known_is_used_and_of_others_it_is_not():
+    time_s, y = _on_board(6.0, 6)
+    known = identify(time_s, y).subspace
+    fewer = np.arange(y.shape[1]) % 7 > 0
+    part = known.of(fewer)
+    assert np.allclose(part.directions.T @ part.directions, np.eye(12)) and part.live.shape == (fewer.sum(),)
+    assert np.array_equal(part.among(fewer).live, fewer)
+    same = identify(time_s, y[:, fewer], known=part)
+    assert [m.frequency_hz for m in same.valid_modes] == pytest.approx(list(ON_BOARD[0].values()), rel=2e-3)
+    stranger = known.of(fewer).among(fewer)  # does not know the rest
+    alone, begun = identify(time_s, y), identify(time_s, y, known=stranger)
+    assert [m.frequency_hz for m in alone.modes] == [m.frequency_hz for m in begun.modes]

@@ -9,7 +9,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from fsw.modal.channels import Channels, Scaled, chosen, power
 from fsw.modal.gaps import fill_in_time, fill_through
-from fsw.modal.subspace import leading_singular
+from fsw.modal.subspace import Subspace, leading_singular
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Coordinates:
 
     time_s (T,) true stamps from 0; signals (T, p); basis (L, p): channels[:, live] - mean = signals basis^T
     + noise; channels (T, L): the live channels without their mean, gaps filled; live (M,) bool; kept (T_in,)
-    bool; rate_hz: the nominal rate.
+    bool; rate_hz: the nominal rate; subspace: for the next record to begin with.
     """
 
     time_s: FloatArray
@@ -41,6 +41,7 @@ class Coordinates:
     live: NDArray[np.bool_]
     kept: NDArray[np.bool_]
     rate_hz: float
+    subspace: Subspace | None = None
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,14 @@ def nominal_rate_hz(time_s: FloatArray) -> float:
     return whole / float(time_s[-1] - time_s[0])
 
 
-def principal_coordinates(time_s: FloatArray, y: Channels, count: int, overwrite: bool = False) -> Coordinates:
+def principal_coordinates(
+    time_s: FloatArray, y: Channels, count: int, overwrite: bool = False, known: Subspace | None = None
+) -> Coordinates:
     """Leading principal coordinates of a record, each channel scaled by its own noise.
 
     time_s (T,) increasing; y (T, M), NaN = missing; count: most coordinates; overwrite: y (contiguous) may be used up,
     which saves a copy. A channel or tick that is mostly missing is left out; what is missing elsewhere is filled from
-    the other channels through the coordinates themselves.
+    the other channels through the coordinates themselves. known: of a record that overlaps with this one.
     """
     present = np.isfinite(y)
     live = (present.mean(axis=0) > _LEAST_SHARE) & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
@@ -84,19 +87,32 @@ def principal_coordinates(time_s: FloatArray, y: Channels, count: int, overwrite
     y -= y.mean(axis=0, dtype=np.float64)
     if y.shape[1] <= count:
         scale = y.std(axis=0, dtype=np.float64)
-        signals, basis = y / scale, np.diag(scale)
+        signals, basis, subspace = y / scale, np.diag(scale), None
     else:
-        signals, basis = _project(y, present, count)
-    return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps))
+        known = known.of(live) if known is not None and known.live[live].all() else None
+        signals, V, scale = _project(y, present, count, known)
+        basis, subspace = V * scale[:, None], Subspace(live, V, scale)
+    return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps), subspace)
 
 
-def _project(y: Channels, present: NDArray[np.bool_], count: int) -> tuple[FloatArray, FloatArray]:
-    """Signals (T, p) and basis (L, p) by principal components of channels of equal noise; fills the gaps of y."""
+def _project(
+    y: Channels, present: NDArray[np.bool_], count: int, known: Subspace | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Signals (T, p), directions (L, p) and scale (L,) by principal components of channels of equal noise.
+
+    Fills the gaps of y.
+    """
     overall = max(float(np.sqrt(np.mean(power(y)) / len(y))), 1e-300)
-    scale = np.full(y.shape[1], overall)
     gaps = not bool(present.all())
-    filling = [rank for rank in _FILLING if rank < count] if gaps else []
-    start = None
+    filling: list[int] = []
+    if known is None:
+        start, scale = None, np.full(y.shape[1], overall)
+        filling = [rank for rank in _FILLING if rank < count] if gaps else []
+    else:
+        start, scale = known.start(count), known.scale
+        if gaps:
+            V = np.ascontiguousarray(known.directions[:, :count])
+            fill_through(Scaled(y, scale), present, Scaled(y, scale).times(V), V)
     for rank in [*filling, *[count] * _ROUNDS]:
         scaled = Scaled(y, scale)
         start = leading_singular(scaled, count, start)[2].T
@@ -105,10 +121,10 @@ def _project(y: Channels, present: NDArray[np.bool_], count: int) -> tuple[Float
         if gaps:
             fill_through(scaled, present, signals, V)
         noise = scale * np.sqrt(_mean_square_left(scaled, signals, V))
-        basis = V * scale[:, None]
+        used = scale
         # No channel may claim to be much better than the others: the fit would chase it.
         scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
-    return signals, basis
+    return signals, V, used
 
 
 def _mean_square_left(scaled: Scaled, signals: FloatArray, V: FloatArray) -> FloatArray:

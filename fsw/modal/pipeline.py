@@ -18,6 +18,7 @@ from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
 from fsw.modal.paper import identify_as_paper
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
+from fsw.modal.subspace import Subspace
 from wingbeat.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -37,19 +38,21 @@ def identify(
     options: Options | None = None,
     u: FloatArray | None = None,
     overwrite: bool = False,
+    known: Subspace | None = None,
 ) -> ModalResult:
     """Modes of a record of vibration, each with its interval, its indicators and whether to believe it.
 
     time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
     decay, the stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were
     measured, such as wheel torque; the modes are then those of the plant alone. overwrite: y (contiguous) may be used
-    up, which saves memory. y in single precision stays so. Deterministic. Raises InputError for arrays that do not fit.
+    up, which saves memory. y in single precision stays so. known: what an identification of a record that overlaps with
+    this one gave, which saves time. Deterministic. Raises InputError for arrays that do not fit.
     Source: section 5 of the paper (Eq. 31-41), refined by maximum likelihood.
     """
     settings = options or Options()
     time_s, y = _checked(time_s, y)
     most = max(min(settings.coordinates, len(time_s) // _SAMPLES_OF_A_COORDINATE), 1)
-    coordinates = principal_coordinates(time_s, y, most, overwrite)
+    coordinates = principal_coordinates(time_s, y, most, overwrite, known)
     count = len(coordinates.time_s)
     if count < LEAST_SAMPLES or coordinates.signals.shape[1] == 0:
         extent = float(time_s[-1] - time_s[0])
@@ -75,7 +78,8 @@ def identify(
         modes, poles = identify_ambient(coordinates, correlation, settings)
     modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)
-    return ModalResult(modes, _record_flags(modes, record.duration_s), record, decided, _diagram(coordinates, poles))
+    flags, diagram = _record_flags(modes, record.duration_s), _diagram(coordinates, poles)
+    return ModalResult(modes, flags, record, decided, diagram, coordinates.subspace)
 
 
 def _checked(time_s: FloatArray, y: Channels) -> tuple[FloatArray, Channels]:

@@ -6,6 +6,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.subspace import Subspace
+
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Kind = Literal["decay", "ambient"]
@@ -84,13 +86,17 @@ def empty_diagram() -> Diagram:
 
 @dataclass(frozen=True)
 class ModalResult:
-    """Modes in order of frequency, flags of the record, its extent and kind, and arrays for the report."""
+    """Modes in order of frequency, flags of the record, its extent and kind, and arrays for the report.
+
+    subspace: for the identification of the next record that overlaps with this one.
+    """
 
     modes: list[Mode]
     flags: list[str]
     record: Record
     kind: Kind
     diagram: Diagram = field(default_factory=empty_diagram)
+    subspace: Subspace | None = None
 
     @property
     def valid_modes(self) -> list[Mode]:

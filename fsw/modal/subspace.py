@@ -13,6 +13,42 @@ FloatArray = NDArray[np.float64]
 _OVERSAMPLING, _ROUNDS = 8, 2
 
 
+@dataclass(frozen=True)
+class Subspace:
+    """Principal directions of a record, for the next one like it to begin with.
+
+    live (M,): channels that it knows; directions (L, k): orthonormal, of these channels divided by their scale (L,).
+    """
+
+    live: NDArray[np.bool_]
+    directions: FloatArray
+    scale: FloatArray
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all that is held."""
+        return self.live.nbytes + self.directions.nbytes + self.scale.nbytes
+
+    def of(self, channels: NDArray[np.bool_]) -> "Subspace":
+        """The same of a choice of the channels (M,)."""
+        rows = channels[self.live]
+        directions = self.directions[rows]
+        if not rows.all():
+            directions, _ = np.linalg.qr(directions)
+        return Subspace(self.live[channels], directions, self.scale[rows])
+
+    def among(self, channels: NDArray[np.bool_]) -> "Subspace":
+        """The same, where its channels were a choice of more (M',)."""
+        live = channels.copy()
+        live[channels] = self.live
+        return Subspace(live, self.directions, self.scale)
+
+    def start(self, count: int) -> FloatArray:
+        """Vectors (L, k) to begin an iteration for so many directions with: these, and others for what is new."""
+        known = self.directions[:, :count]
+        return np.hstack([known, _chirps(len(known), count + _OVERSAMPLING - known.shape[1])])
+
+
 class Matrix(Protocol):
     """A large matrix (M, N) that is met through its products."""
 

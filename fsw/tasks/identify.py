@@ -12,6 +12,7 @@ from fsw.modal.breaks import last_break
 from fsw.modal.channels import Channels, chosen
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult, Mode, Options, Record
+from fsw.modal.subspace import Subspace
 from fsw.modal.tracking import SAME_FREQUENCY, Holders, assign_slots
 from fsw.tables.flight import IdentifyTable
 from fsw.tasks.estimate_board import show
@@ -47,6 +48,9 @@ class Identify:
         self._slots: tuple[int, ...] = ()
         self._holders: Holders = (None,) * MODE_SLOTS  # of the slots, after the latest estimate delivered
         self._next_holders: Holders = self._holders
+        self._subspace: Subspace | None = None  # of all channels, of the latest estimate delivered
+        self._next_subspace: Subspace | None = None
+        self._delivered_ns = LONG_AGO_NS
         self._known: list[Mode] = []  # of the latest estimate that had any with nothing against them
         self._since_ns = LONG_AGO_NS  # a sample before this time belongs to a motion that has ended
 
@@ -99,6 +103,7 @@ class Identify:
             self._result, self._failed = None, True
 
     def _identify(self) -> ModalResult | None:
+        self._next_subspace = None
         time_ns, xyz = self._time_ns[: self._samples], self._xyz_mm[: self._samples]
         if time_ns[-1] < self._since_ns:  # the clock went back
             self._since_ns = LONG_AGO_NS
@@ -121,7 +126,11 @@ class Identify:
         y = chosen(xyz.reshape(len(xyz), -1), ticks, channels, overwrite=True)
         time_s = self._time_s[: len(y)]
         np.multiply(time_ns - time_ns[0], 1e-9, out=time_s)
-        result = identify(time_s, y, self._table.kind, self._options, overwrite=True)
+        # A record that has nothing in common with the one before begins by itself.
+        overlaps = not start and time_ns[0] <= self._delivered_ns
+        known = self._subspace.of(channels) if self._subspace is not None and overlaps else None
+        result = identify(time_s, y, self._table.kind, self._options, overwrite=True, known=known)
+        self._next_subspace = result.subspace.among(channels) if result.subspace is not None else None
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
 
     def _assign(self) -> None:
@@ -171,7 +180,8 @@ class Identify:
         modes = confirmed(self._result.modes, [*witnesses, *self._known])
         if self._settled:
             self._known = [mode for mode in modes if mode.valid] or self._known
-        self._holders = self._next_holders
+        self._holders, self._subspace = self._next_holders, self._next_subspace
+        self._delivered_ns = self._taken_ns
         result = replace(self._result, modes=modes)
         state.estimate = Estimate(result, self._cells, self._tick, self._taken_ns, self._slots)
         state.new_estimate = True
