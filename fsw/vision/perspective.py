@@ -10,21 +10,35 @@ from wingbeat.kernels import kernel
 
 
 @kernel
-def corner_depths(corners_px: FloatArray, deviation_px: FloatArray, depth: FloatArray) -> None:
-    """Write the depths (4,) of a flat cell's corners, as its image tells them: the first corner's is 1.
+def corner_depths(c: FloatArray, depth: FloatArray) -> None:
+    """Write the depths (4,) of a flat cell's corners, as its image c (4, 2) tells them: the first corner's is 1.
 
-    What is left out of the corners (4, 2) is deviation_px (4, 2). The cell is the unit square, seen by a homography
-    whose last row is (g, h, 1) (Heckbert, Fundamentals of texture mapping, 1989, section 2.2.3).
+    The cell is the unit square, seen by a homography whose last row is (g, h, 1) (Heckbert, Fundamentals of texture
+    mapping, 1989, section 2.2.3).
     """
-    x0, y0 = corners_px[0, 0] - deviation_px[0, 0], corners_px[0, 1] - deviation_px[0, 1]
-    x1, y1 = corners_px[1, 0] - deviation_px[1, 0], corners_px[1, 1] - deviation_px[1, 1]
-    x2, y2 = corners_px[2, 0] - deviation_px[2, 0], corners_px[2, 1] - deviation_px[2, 1]
-    x3, y3 = corners_px[3, 0] - deviation_px[3, 0], corners_px[3, 1] - deviation_px[3, 1]
-    ax, ay, bx, by = x1 - x2, y1 - y2, x3 - x2, y3 - y2
-    sx, sy = x0 - x1 - bx, y0 - y1 - by
+    ax, ay, bx, by = c[1, 0] - c[2, 0], c[1, 1] - c[2, 1], c[3, 0] - c[2, 0], c[3, 1] - c[2, 1]
+    sx, sy = c[0, 0] - c[1, 0] - bx, c[0, 1] - c[1, 1] - by
     det = ax * by - bx * ay
     g, h = (sx * by - bx * sy) / det, (ax * sy - sx * ay) / det
     depth[0], depth[1], depth[2], depth[3] = 1.0, 1.0 + g, 1.0 + g + h, 1.0 + h
+
+
+@kernel
+def crossing(c: FloatArray) -> tuple[float, float]:
+    """Where the diagonals of a quadrangle c (4, 2) meet: the projection of a flat cell's centre."""
+    dx, dy = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1]
+    fx, fy = c[3, 0] - c[1, 0], c[3, 1] - c[1, 1]
+    t = ((c[1, 0] - c[0, 0]) * fy - (c[1, 1] - c[0, 1]) * fx) / (dx * fy - dy * fx)
+    return c[0, 0] + t * dx, c[0, 1] + t * dy
+
+
+@kernel
+def centre_share(nx: FloatArray, ny: FloatArray, k: int) -> tuple[float, float]:
+    """By how much the corners' mean moves when side k moves by 1 px along its normal; nx, ny (4,): all normals."""
+    j, i = (k + 3) % 4, (k + 1) % 4
+    before = nx[j] * ny[k] - ny[j] * nx[k]
+    after = nx[k] * ny[i] - ny[k] * nx[i]
+    return 0.25 * (ny[i] / after - ny[j] / before), 0.25 * (nx[j] / before - nx[i] / after)
 
 
 @kernel

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
-from fsw.vision.perspective import corner_depths, line_width, mean_gain
+from fsw.vision.perspective import centre_share, corner_depths, crossing, line_width, mean_gain
 from fsw.vision.sides import Lens, fit_segments, match_segments, straight_side
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
@@ -79,6 +79,7 @@ def measure_cells(
     for row in range(2):
         fill_templates(lens.step, lens.blur_px, mean_gain(expected_px, wanted, row), row, scratch.templates)
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    flat = np.zeros((4, 2))
     middle, slope, variance, pull, weight = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
         out.found[n] = out.whole[n] = False
@@ -90,7 +91,8 @@ def measure_cells(
         if not wanted[n]:
             continue
         c = expected_px[n]
-        corner_depths(c, deviation_px[n], depth)
+        flat[:] = c - deviation_px[n]
+        corner_depths(flat, depth)
         hidden, which, squares, contrast = 0, -1, 0.0, 0.0
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
@@ -221,22 +223,16 @@ def _corners_and_centre(
         dx, dy, fx, fy = bx - ax, by - ay, qx - px, qy - py
         t = ((px - ax) * fy - (py - ay) * fx) / (dx * fy - dy * fx)
         corners[k, 0], corners[k, 1] = ax + t * dx, ay + t * dy
-        # A side's shift by one pixel moves its two corners; their mean moves by a quarter of the sum.
-        det_j = nx[j] * ny[k] - ny[j] * nx[k]
-        det_k1 = nx[k] * ny[k1] - ny[k] * nx[k1]
-        gx = 0.25 * (-ny[j] / det_j + ny[k1] / det_k1)
-        gy = 0.25 * (nx[j] / det_j - nx[k1] / det_k1)
+        gx, gy = centre_share(nx, ny, k)
         vxx += variance[k] * gx * gx
         vxy += variance[k] * gx * gy
         vyy += variance[k] * gy * gy
     out.covariance_px2[n, 0], out.covariance_px2[n, 1], out.covariance_px2[n, 2] = vxx, vxy, vyy
     # The crossing of the diagonals is the centre, but it swings with the slopes of the long sides. Perspective moves it
     # off the corners' mean by a small amount that the expected shape knows well enough.
-    dx, dy = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1]
-    fx, fy = c[3, 0] - c[1, 0], c[3, 1] - c[1, 1]
-    t = ((c[1, 0] - c[0, 0]) * fy - (c[1, 1] - c[0, 1]) * fx) / (dx * fy - dy * fx)
-    out.centre_px[n, 0] = c[0, 0] + t * dx + 0.25 * (corners[:, 0].sum() - c[:, 0].sum())
-    out.centre_px[n, 1] = c[0, 1] + t * dy + 0.25 * (corners[:, 1].sum() - c[:, 1].sum())
+    x, y = crossing(c)
+    out.centre_px[n, 0] = x + 0.25 * (corners[:, 0].sum() - c[:, 0].sum())
+    out.centre_px[n, 1] = y + 0.25 * (corners[:, 1].sum() - c[:, 1].sum())
 
 
 @kernel

@@ -40,6 +40,12 @@ class Lens(NamedTuple):
 
 
 @kernel
+def inset_px(length_px: float, blur_px: float) -> float:
+    """How much of a side is left out at either end, where the corner's blur is seen."""
+    return min(0.25 * length_px, max(3.0 * blur_px + 1.0, 0.06 * length_px))
+
+
+@kernel
 def fit_segments(
     image: Image,
     lens: Lens,
@@ -59,7 +65,7 @@ def fit_segments(
     """
     blur = lens.blur_px
     length = math.hypot(end[0] - start[0], end[1] - start[1])
-    inset = min(0.25 * length, max(3.0 * blur + 1.0, 0.06 * length))
+    inset = inset_px(length, blur)
     pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
@@ -126,7 +132,7 @@ def match_segments(
     pixel, place = scratch.templates.pixel, scratch.templates.place
     taps, cubic = scratch.templates.taps[row], scratch.templates.cubic[row]
     length = math.hypot(end[0] - start[0], end[1] - start[1])
-    inset = min(0.25 * length, max(3.0 * lens.blur_px + 1.0, 0.06 * length)) / length
+    inset = inset_px(length, lens.blur_px) / length
     span = (1.0 - 2.0 * inset) * length
     pieces = int(min(float(SEGMENTS), max(2.0, span / SEGMENT_PX)))
     stride = int(max(1.0, min(float(stride), span / SIDE_COLUMNS)))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
 from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
+from fsw.vision.bow import unbend
 from fsw.vision.edges import FloatArray, Image, make_scratch
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid
@@ -124,6 +125,7 @@ class Tracker:
         gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
         valid = gate_columns(points, self.distance_mm, self._column, self._work)
         expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
+        unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, points)
         for eye in (0, 1):
             deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
         return int(valid)
