@@ -141,6 +141,7 @@ def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Ref
     s = complex(-estimate.decay_rate, 2.0 * np.pi * estimate.frequency_hz)
     pole = replace(candidate.pole, s=s, shape=shape.astype(np.complex128))
     better = replace(candidate, pole=pole, frequency_hz=pole.frequency_hz, damping_ratio=pole.damping_ratio)
-    # What the subspace method sees no decay of is a line until the likelihood is sure.
-    line_gain = estimate.line_gain if candidate.damping_ratio > 0.0 else 0.0
+    # What the subspace method sees no decay of is a line unless the likelihood is sure.
+    decays = candidate.damping_ratio > 0.0 or estimate.line_gain > LEAST_GAIN
+    line_gain = estimate.line_gain if decays else 0.0
     return Refined(better, estimate.frequency_sigma_hz, estimate.decay_rate_sigma / abs(s), line_gain)
