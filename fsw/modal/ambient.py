@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 _ROUNDS = 12
 # Half width of the band: so many half-power widths, at least so many bins, at most this share of the
 # frequency.
-_WIDTHS, _BINS, _SHARE = 10.0, 12.0, 0.45
+_WIDTHS, _BINS, _SHARE = 10.0, 16.0, 0.45
 
 
 @dataclass(frozen=True)

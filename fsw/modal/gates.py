@@ -53,11 +53,12 @@ PAIR_DEVIATIONS = 4.0
 CERTAIN_LINE_SHARE = 0.95
 LARGEST_LINE_SHARE = 0.9
 LEAST_LINE_GAIN = 4.0
-# Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, its least height over
-# the floor beside it, and the orders that it must appear in.
+# Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, if it appears in so many orders
+# and if it does not, and its least height over the floor beside it.
 LEAST_GAIN = 20.0
-LEAST_RISE = 5.0
 LEAST_ORDERS = 4
+FEW_ORDERS_GAIN = 60.0
+LEAST_RISE = 5.0
 
 
 def common_flags(
@@ -130,7 +131,8 @@ def ambient_flags(damping_ratio: float, damping_sigma: float, peak: Peak, line_g
         flags.append("harmonic")
     if not damping_sigma < LARGEST_AMBIENT_DAMPING_SIGMA * damping_ratio:
         flags.append("imprecise")
-    if peak.gain < LEAST_GAIN or peak.rise < LEAST_RISE or orders < LEAST_ORDERS:
+    enough = LEAST_GAIN if orders >= LEAST_ORDERS else FEW_ORDERS_GAIN
+    if peak.gain < enough or peak.rise < LEAST_RISE:
         flags.append("weak")
     return flags
 

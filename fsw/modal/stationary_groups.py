@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.clustering import Candidate
-from fsw.modal.gates import LEAST_GAIN, LEAST_ORDERS
+from fsw.modal.gates import LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
 from fsw.modal.stationary_likelihood import Band, Group, band_of, first_guess, half_band_hz, most_likely, without
 from fsw.modal.stationary_posterior import Estimate, posterior
 
@@ -132,15 +132,17 @@ def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     q, m = group.shapes.shape
     if m <= q:
         return posterior(band, group, mode, np.linalg.pinv(group.shapes, rcond=_FLAT)[mode])
-    # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do.
+    # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, and whether one is
+    # a line is left to what a line explains.
     sigma, rate = group.sigmas[mode], float(group.decay_rate[mode])
-    return Estimate(float(group.frequency_hz[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, np.inf)
+    return Estimate(float(group.frequency_hz[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, LEAST_LINE_GAIN)
 
 
 def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Refined:
     s = complex(-estimate.decay_rate, 2.0 * np.pi * estimate.frequency_hz)
     pole = replace(candidate.pole, s=s, shape=shape.astype(np.complex128))
     better = replace(candidate, pole=pole, frequency_hz=pole.frequency_hz, damping_ratio=pole.damping_ratio)
-    # What the subspace method sees no decay of is a line until the likelihood is sure.
-    line_gain = estimate.line_gain if candidate.damping_ratio > 0.0 else 0.0
+    # What the subspace method sees no decay of is a line unless the likelihood is sure.
+    decays = candidate.damping_ratio > 0.0 or estimate.line_gain > LEAST_GAIN
+    line_gain = estimate.line_gain if decays else 0.0
     return Refined(better, estimate.frequency_sigma_hz, estimate.decay_rate_sigma / abs(s), line_gain)
