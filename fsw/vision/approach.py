@@ -10,6 +10,7 @@ from fsw.vision.bridging import (
     AS_BEFORE,
     CONFIRMED,
     LOOKED_CELLS,
+    MET_PX,
     MOST_STEPS,
     NEAR_PX,
     SWING_MM,
@@ -102,7 +103,7 @@ class Approach:
         self._share = best
         now[:] = self._best
         # What the few unknowns of the trials cannot follow, all of them do, now that every line is the right one.
-        self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX)
+        self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX if best < enough else MET_PX)
         self._expect()
 
     def _try(

@@ -21,6 +21,7 @@ BoolArray = NDArray[np.bool_]
 TRIED_CELLS = 100  # looked at in a trial, about
 LOOKED_CELLS = 150  # looked at once the place is confirmed, about: part of the wing is out of view
 NEAR_PX = 20.0  # and how far from their places
+MET_PX = 10.0  # the same where the few unknowns have met enough of the lines
 CONFIRMED = 0.6  # least share of the lines that makes further trials needless, ...
 AS_BEFORE = 0.9  # ... and of the share in the frame before: half a wing that stands still confirms the wrong place too
 SWING_MM = 130.0  # of the tip, between two frames or while the search took its time

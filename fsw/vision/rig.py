@@ -107,8 +107,9 @@ def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, 
 def project(P: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Pixel and depth of a point."""
     w = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
-    u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) / w
-    v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) / w
+    over = 1.0 / w
+    u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) * over
+    v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) * over
     return u, v, w
 
 

@@ -17,8 +17,8 @@ IntArray = NDArray[np.int64]
 
 SEARCH = 0.4  # of a cell's extent: how far the quick update looks for a line; half would reach the next line
 SEARCH_PX = 256  # at most
-SEARCH_LINES = 3  # profiles averaged along a side
-FIXED = 1 << 16  # parts of a pixel in which profiles are walked
+SEARCH_LINES = 3  # profiles summed along a side
+FIXED = 16  # bits after the point of the places at which profiles are taken
 TURNS = 6  # of the robust fit, at most; the gate shrinks from turn to turn ...
 SETTLED = 0.02  # ... until it changes by less than this part
 
@@ -71,22 +71,17 @@ def find_line(
     count = 2 * reach + 2 * flank + width
     if count > 2 * SEARCH_PX or reach < 2:
         return False, 0.0, nx, ny
+    way = (nx, ny, before, count)
+    inside_a, x0, y0, dx0, dy0 = _walk(eyes, eye, a, b, 0.25, way)
+    inside_b, x1, y1, dx1, dy1 = _walk(eyes, eye, a, b, 0.5, way)
+    inside_c, x2, y2, dx2, dy2 = _walk(eyes, eye, a, b, 0.75, way)
+    if not (inside_a and inside_b and inside_c):
+        return False, 0.0, nx, ny
     for i in range(count):
-        profile[i] = 0.0
-    for line in range(SEARCH_LINES):
-        f = (line + 1.0) / (SEARCH_LINES + 1.0)
-        u, v = a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1])
-        # The lens bends so short a line by less than a pixel: its two ends are enough.
-        first, x0, y0 = image_point(eyes, eye, u - before * nx, v - before * ny)
-        last, x1, y1 = image_point(eyes, eye, u + (count - 1 - before) * nx, v + (count - 1 - before) * ny)
-        if not (first and last):
-            return False, 0.0, nx, ny
-        # In fixed point, to the nearest pixel.
-        x, y = int(x0 * FIXED) + FIXED // 2, int(y0 * FIXED) + FIXED // 2
-        dx, dy = round((x1 - x0) * FIXED / (count - 1)), round((y1 - y0) * FIXED / (count - 1))
-        for i in range(count):
-            profile[i] += image[y // FIXED, x // FIXED]
-            x, y = x + dx, y + dy
+        # All three at once: the memory's latencies overlap.
+        value = image[y0 >> FIXED, x0 >> FIXED] + image[y1 >> FIXED, x1 >> FIXED] + image[y2 >> FIXED, x2 >> FIXED]
+        profile[i] = value
+        x0, x1, x2, y0, y1, y2 = x0 + dx0, x1 + dx1, x2 + dx2, y0 + dy0, y1 + dy1, y2 + dy2
     best, where, peak = 0.0, 0, (0, 0, 0)
     left, inner, right = 0, 0, 0  # sums over the windows before, on and behind the line, moved pixel by pixel
     for i in range(flank):
@@ -119,6 +114,24 @@ def find_line(
         if fall > 0.0:
             offset += min(max(0.5 * (ahead - back) / fall, -0.5), 0.5)
     return True, offset, nx, ny
+
+
+@kernel
+def _walk(
+    eyes: Eyes, eye: int, a: FloatArray, b: FloatArray, share: float, way: tuple[float, float, int, int]
+) -> tuple[bool, int, int, int, int]:
+    """Across the side from a to b, at a share of it: whether all in the image, first pixel and step in fixed point.
+
+    way: outward normal, pixels before the side, pixels in all.
+    """
+    nx, ny, before, count = way
+    u, v = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
+    # The lens bends so short a line by less than a pixel: its two ends are enough.
+    first, x0, y0 = image_point(eyes, eye, u - before * nx, v - before * ny)
+    last, x1, y1 = image_point(eyes, eye, u + (count - 1 - before) * nx, v + (count - 1 - before) * ny)
+    one = float(1 << FIXED)
+    dx, dy = round((x1 - x0) * one / (count - 1)), round((y1 - y0) * one / (count - 1))
+    return first and last, int((x0 + 0.5) * one), int((y0 + 0.5) * one), dx, dy
 
 
 @kernel

@@ -128,6 +128,8 @@ def match_segments(
     scratch: Scratch,
 ) -> tuple[int, int, float]:
     """As fit_segments, by the templates of one direction of sides, where both plateaus are wide enough."""
+    # Arrays are taken out of their tuples once: each time costs two atomic counts.
+    intrinsics, distortion, pooled = lens.intrinsics, lens.distortion, scratch.pooled
     weight, scale, segments = scratch.templates.weight, scratch.templates.scale, scratch.segments
     pixel, place = scratch.templates.pixel, scratch.templates.place
     taps, cubic = scratch.templates.taps[row], scratch.templates.cubic[row]
@@ -137,7 +139,7 @@ def match_segments(
     pieces = int(min(float(SEGMENTS), max(2.0, span / SEGMENT_PX)))
     stride = int(max(1.0, min(float(stride), span / SIDE_COLUMNS)))
     u, v = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-    _, _, xx, xy, yx, yy = distort_point(u, v, lens.intrinsics, lens.distortion)
+    _, _, xx, xy, yx, yy = distort_point(u, v, intrinsics, distortion)
     det = xx * yy - xy * yx
     gain_x = (yy * normal[0] - yx * normal[1]) / det
     gain_y = (xx * normal[1] - xy * normal[0]) / det
@@ -151,7 +153,7 @@ def match_segments(
         f = inset + (1.0 - 2.0 * inset) * piece / pieces
         u, v = start[0] + f * (end[0] - start[0]), start[1] + f * (end[1] - start[1])
         x0, y0 = x1, y1
-        x1, y1, _, _, _, _ = distort_point(u, v, lens.intrinsics, lens.distortion)
+        x1, y1, _, _, _, _ = distort_point(u, v, intrinsics, distortion)
         if piece == 0:
             continue
         count, columns = take_pixels(image, (x0, y0), (x1, y1), vertical, stride, taps, pixel, place)
@@ -173,8 +175,8 @@ def match_segments(
         segments[found, 3] = gain * gain / sbb
         if abs(away) < PROBE_PX:
             # To second order a shift looks like blur: the change with blur is blur times the second derivative.
-            scratch.pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens_px)
-            scratch.pooled[BLUR, 1] += blur_den
+            pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens_px)
+            pooled[BLUR, 1] += blur_den
         contrast += step
         found += 1
     _share_noise(segments, found)
