@@ -238,7 +238,7 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         dropped += 1
     if which >= 0 or 2 * kept < count:
         return False, 0.0, 0.0, 0.0, 0.0
-    # Scatter far beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends the side.
+    # Scatter far beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends it.
     variance = s2 / det
     if kept > 2 and chi2 > UNEXPLAINED * (kept - 2):
         variance = max(variance * chi2 / (kept - 2), squares / kept)
