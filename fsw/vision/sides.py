@@ -240,6 +240,8 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         dropped += 1
     if which >= 0 or 2 * kept < count:
         return False, 0.0, 0.0, 0.0, 0.0
-    # Scatter far beyond what the pixels explain widens the variance; luck, either way, does not change it.
-    scale = chi2 / (kept - 2) if kept > 2 and chi2 > UNEXPLAINED * (kept - 2) else 1.0
-    return True, middle, slope, scale * s2 / det, math.sqrt(squares / kept)
+    # Scatter far beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends it.
+    variance = s2 / det
+    if kept > 2 and chi2 > UNEXPLAINED * (kept - 2):
+        variance = max(variance * chi2 / (kept - 2), squares / kept)
+    return True, middle, slope, variance, math.sqrt(squares / kept)
