@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.channels import Channels
+from fsw.modal.channels import Channels, blocks
 
 FloatArray = NDArray[np.float64]
 
@@ -19,6 +19,7 @@ LEAST_ERRORS = 12
 """Predictions that must have been made before one is called wrong."""
 FAILED = 10.0
 """An error this many times the median one is no noise: of one normal number that is 6.7 standard deviations."""
+_CHANNELS_AT_ONCE = 128
 
 
 def last_break(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> int:
@@ -27,13 +28,13 @@ def last_break(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> int
     time_s (T,) increasing, gaps allowed; y (T, M), NaN = missing; poles in 1/s, one of each conjugate pair, of the
     motion before.
     """
-    unknowns = 2 * len(poles) + 1
-    length = WINDOW * unknowns
+    length = WINDOW * (2 * len(poles) + 1)
+    predicted = _prediction_errors(time_s, y, poles, length)
     start = 0
     errors: list[float] = []
     i = length
     while i < len(time_s):
-        error = _prediction_error(time_s[i - length : i + 1], y[i - length : i + 1], poles)
+        error = float(predicted[i - length])
         if len(errors) >= LEAST_ERRORS and error > FAILED * float(np.median(errors)):
             start, errors = i, []
             i += length
@@ -44,16 +45,29 @@ def last_break(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> int
     return start
 
 
-def _prediction_error(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> float:
-    """Rms over the channels of what a window (all rows but the last) predicts wrongly of the last row, in units of
-    what noise of unit variance makes of it; NaN if no channel is whole.
+def _prediction_errors(time_s: FloatArray, y: Channels, poles: Sequence[complex], length: int) -> FloatArray:
+    """Of each sample after the first length ones: rms over the channels of what the window of as many samples before it
+    predicts wrongly, in units of what noise of unit variance makes of it; NaN if no channel is whole.
     """
-    whole = np.isfinite(y).all(axis=0)
-    if not whole.any():
-        return float("nan")
-    since = time_s - time_s[-1]
+    count = len(time_s) - length
+    if count <= 0:
+        return np.zeros(0)
+    windows = np.lib.stride_tricks.sliding_window_view(time_s, length + 1)
+    since = windows - windows[:, -1:]
     waves = [np.exp(s * since) for s in poles]
-    X = np.column_stack([np.ones(len(since)), *(part for wave in waves for part in (wave.real, wave.imag))])
-    weights = X[-1] @ np.linalg.pinv(X[:-1])
-    wrong = y[-1, whole] - weights @ y[:-1, whole]
-    return float(np.sqrt(np.mean(wrong**2) / (1.0 + weights @ weights)))
+    X = np.stack([np.ones(since.shape), *(part for wave in waves for part in (wave.real, wave.imag))], axis=2)
+    weights = (X[:, -1:] @ np.linalg.pinv(X[:, :-1]))[:, 0]
+    prediction = np.zeros((count, len(time_s)))
+    prediction[np.arange(count)[:, None], np.arange(count)[:, None] + np.arange(length)] = weights
+    total, channels = np.zeros(count), np.zeros(count)
+    for part in blocks(y.shape[1], _CHANNELS_AT_ONCE):
+        present = np.isfinite(y[:, part])
+        missing = np.cumsum(~present, axis=0)
+        before = np.vstack([np.zeros_like(missing[:1]), missing[: count - 1]])
+        whole = missing[length:] == before
+        there = np.where(present, y[:, part], 0.0)
+        wrong = there[length:] - prediction @ there
+        total += np.sum(np.where(whole, wrong**2, 0.0), axis=1)
+        channels += np.count_nonzero(whole, axis=1)
+    channels[channels == 0.0] = np.nan
+    return np.sqrt(total / channels / (1.0 + np.sum(weights**2, axis=1)))

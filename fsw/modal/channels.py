@@ -17,10 +17,10 @@ Channels = NDArray[np.floating[Any]]
 _BLOCK = 16
 
 
-def blocks(length: int) -> Iterator[slice]:
-    """Slices of a block each that cover 0 to length."""
-    for begin in range(0, length, _BLOCK):
-        yield slice(begin, min(begin + _BLOCK, length))
+def blocks(length: int, size: int = _BLOCK) -> Iterator[slice]:
+    """Slices of size each that cover 0 to length."""
+    for begin in range(0, length, size):
+        yield slice(begin, min(begin + size, length))
 
 
 def times(y: Channels, V: FloatArray) -> FloatArray:
