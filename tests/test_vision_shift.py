@@ -43,3 +43,13 @@ def test_a_shift_in_one_eye_lets_no_point_stand(tracking: tuple[Stand, list[Pair
     moved[eye] = np.ascontiguousarray(np.roll(moved[eye], round(rows * step), axis=0))
     stand.tick(moved[0], moved[1])
     assert not stand.tracker.points.valid.any()
+
+
+@pytest.mark.parametrize("cells", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_shift_in_both_eyes_lets_no_point_stand(tracking: tuple[Stand, list[Pair]], cells: tuple[int, int]) -> None:
+    """The surface slips by a cell along one axis: all lines are met, and every name is wrong."""
+    stand, pairs = tracking
+    stand.tracker.surface.unknowns[:2] += np.array(cells) * stand.grid.panels[0].pitch_mm
+    for tick in (2, 3):
+        stand.tick(*pairs[tick])
+        assert not stand.tracker.points.valid.any()

@@ -19,6 +19,7 @@ from fsw.vision.sides import Lens
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
+SLIP = 0.5  # of the pitch: a wing that has moved farther in its plane since it was named may be one cell off
 START_PASSES = 2  # measurements that a start takes to settle them, corrections taken over whole
 
 
@@ -60,6 +61,9 @@ class Tracker:
         self.width_scale = np.ones((2, 2))
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
+        pitch = [panel.pitch_mm for panel in grid.panels]
+        self._slip_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
+        self._named_mm: tuple[float, float] | None = None  # where the wing was in its plane when its cells were named
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
         self._column = grid.column
@@ -77,6 +81,7 @@ class Tracker:
     def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
         """Expect the wing, flat and at rest, in this pose."""
         set_pose(self.surface, rotation, translation_mm)
+        self._named_mm = None
         self._approach.forget()
 
     def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
@@ -91,12 +96,14 @@ class Tracker:
             self.both_found()
             found = self.reconstruct(self.both)
         self._adaptation = ADAPTATION
+        self._named_mm = self._in_plane_mm
         return found
 
     def adopt(self, scout: "Tracker") -> None:
         """Take over what another tracker of the same wing has settled: surface, blur, widths of the lines."""
         set_pose(self.surface, scout.surface.rotation, scout.surface.translation_mm)
         self.surface.unknowns[:] = scout.surface.unknowns
+        self._named_mm = scout._named_mm
         self._approach.adopt(scout._approach)
         self.blur_px[:] = scout.blur_px
         self.width_scale[:] = scout.width_scale
@@ -109,7 +116,10 @@ class Tracker:
     def reconstruct(
         self, matched: NDArray[np.bool_], reprojection_gate_px: float = math.inf, epipolar_gate_px: float = math.inf
     ) -> int:
-        """Triangulate the matched cells (N,), fit the surface, drop what lies off it; returns how many stay valid."""
+        """Triangulate the matched cells (N,), fit the surface, drop what lies off it; returns how many stay valid.
+
+        None does once the surface has slipped: no wing moves half a cell in its plane, but a grid looks the same there.
+        """
         points = self.points
         triangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, points)
         gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
@@ -128,7 +138,20 @@ class Tracker:
         unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, points)
         for eye in (0, 1):
             deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
+        if self._slipped():
+            self.discard()
+            return 0
         return int(valid)
+
+    @property
+    def _in_plane_mm(self) -> tuple[float, float]:
+        return float(self.surface.unknowns[0]), float(self.surface.unknowns[1])
+
+    def _slipped(self) -> bool:
+        if self._named_mm is None:
+            return False
+        moved = zip(self._in_plane_mm, self._named_mm, self._slip_mm, strict=True)
+        return any(abs(now - named) > most for now, named, most in moved)
 
     def discard(self) -> None:
         """Let no point of this frame stand."""
