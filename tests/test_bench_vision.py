@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from fsw.vision.stereo import make_points
 from sim.bench.vision import TABLES, cases
 from sim.bench.vision_disturbed import DISTURBANCES, clear_world, light_of, pixels_of
-from sim.bench.vision_floor import floor_covariance_mm2, offset_information
+from sim.bench.vision_floor import floor_covariance_mm2, offset_information, shown_length
 from sim.bench.vision_methods import printed, sequence_scene
 from sim.bench.vision_motion import motions
 from sim.bench.vision_stand import Truth, bench_scenario
@@ -25,7 +25,7 @@ from wingbeat.errors import InputError
 SHOT, DARK = 0.025, 0.1
 
 
-def bar_image(offset: float, levels: tuple[float, float, float], width: float, sigma: float) -> np.ndarray:
+def bar_image(offset: float, levels: tuple[float, ...], width: float, sigma: float) -> np.ndarray:
     """A slanted bar in 60 x 40 pixels: levels inside, of the line, beyond."""
     y, x = np.mgrid[0:60, 0:40].astype(float)
     slant = 0.1
@@ -50,6 +50,68 @@ def test_the_floor_is_what_finite_differences_of_an_image_give(levels: tuple[flo
     length = 60.0 * np.hypot(1.0, 0.1)
     # The image shows more of the levels than the floor counts on: they cost it a little less.
     assert length * offset_information(levels, width, sigma, SHOT, DARK) == pytest.approx(numeric, rel=0.03)
+
+
+def test_an_edge_beside_one_that_moves_for_itself_has_what_finite_differences_give() -> None:
+    levels, width, sigma, h = (30.0, 170.0, 40.0), 4.0, 0.8, 1e-3
+    V = SHOT * bar_image(0.0, levels, width, sigma) + DARK
+    slopes = []
+    for at, step in enumerate([h, h, h, h, h]):
+        q = np.array([0.0, *levels, width])
+        q[at] += step
+        up = bar_image(q[0], tuple(q[1:4]), q[4] - q[0], sigma)  # the far edge stays where it is
+        q[at] -= 2.0 * step
+        down = bar_image(q[0], tuple(q[1:4]), q[4] - q[0], sigma)
+        slopes.append(((up - down) / (2.0 * h)).ravel())
+    F = np.array(slopes) / V.ravel() @ np.array(slopes).T
+    numeric = 1.0 / np.linalg.inv(F)[0, 0]
+    length = 60.0 * np.hypot(1.0, 0.1)
+    found = offset_information(levels, width, sigma, SHOT, DARK, own_edge=True)
+    assert length * found == pytest.approx(numeric, rel=0.03)
+    assert found < 0.6 * offset_information(levels, width, sigma, SHOT, DARK)
+
+
+def test_two_far_edges_tell_twice_what_one_does() -> None:
+    levels = (0.0, 100.0, 0.0)
+    both = offset_information(levels, 200.0, 0.5, 0.0, 2.0)
+    own = offset_information(levels, 200.0, 0.5, 0.0, 2.0, own_edge=True)
+    assert both == pytest.approx(2.0 * own, rel=0.01)
+    assert own == pytest.approx(100.0**2 / (2.0 * np.sqrt(np.pi) * 0.5 * 2.0), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "shown"),
+    [
+        ((10.0, 10.0), (40.0, 50.0), 50.0),
+        ((-30.5, 20.0), (29.5, 20.0), 30.0),  # half of it lies left of the first pixel's rim
+        ((20.0, 20.0), (20.0, 139.5), 79.5),  # the last rows end at 99.5
+        ((-50.0, 20.0), (-10.0, 60.0), 0.0),
+        ((0.0, 150.0), (199.0, 150.0), 0.0),
+        ((-30.5, -40.5), (59.5, 79.5), 100.0),  # enters in a corner
+    ],
+)
+def test_only_the_part_of_a_side_counts_that_the_image_shows(
+    start: tuple[float, float], end: tuple[float, float], shown: float
+) -> None:
+    for a, b in ((start, end), (end, start)):
+        assert shown_length(np.array(a), np.array(b), 200, 100) == pytest.approx(shown)
+
+
+def test_the_floor_of_a_cell_partly_out_of_view_is_higher() -> None:
+    world = World(bench_scenario(4, 2), 1)
+    truth = Truth(world)
+    px = truth.corners_px(0)
+    size = np.array([[eye.width, eye.height] for eye in world.eyes])[:, None] - 1.0
+    centre = px.mean(axis=2)
+    seen, whole = ((centre > 0.0) & (centre < size)).all(axis=(0, 2)), truth.in_view(px)
+    partly, whole = np.flatnonzero(seen & ~whole), np.flatnonzero(whole)[::20]
+    assert len(partly) > 0
+    for own_edges in (False, True):
+        deviation = [
+            np.sqrt(np.einsum("nii->ni", floor_covariance_mm2(world, truth, 0, cells, own_edges)))
+            for cells in (partly, whole)
+        ]
+        assert deviation[0][:, 0].mean() > 1.1 * deviation[1][:, 0].mean()
 
 
 def test_a_sharp_step_of_known_levels_has_the_closed_form() -> None:

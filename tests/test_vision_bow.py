@@ -1,23 +1,27 @@
 """Points of bent cells, whose sides are measured as straight lines, against the surface that they lie on."""
 
 import numpy as np
+import pytest
 from vision_scene import FloatArray, facing, paper_rig, rotation, three_panels
 
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.bow import unbend
+from fsw.vision.bow import Bow, fit_kinks, make_bow, unbend
 from fsw.vision.grid import CellGrid
-from fsw.vision.prediction import RIGID, expect, make_surface, set_pose
+from fsw.vision.prediction import BENDING, RIGID, Surface, expect, fit_surface, make_normal, make_surface, set_pose
 from fsw.vision.rig import eyes_of
 from fsw.vision.sides import inset_px
-from fsw.vision.stereo import make_points, triangulate_cells
+from fsw.vision.stereo import Points, make_points, triangulate_cells
 
-BEND_MM, TWIST_MM, CUBIC_MM = 30.0, 12.0, -8.0  # factors of x2, xy and x2 y
+BEND_MM, TWIST_MM, CUBIC_MM, ACROSS_MM = 30.0, 12.0, -8.0, -6.0  # factors of x2, xy, x2 y and y2
+KINK_MM = 0.5  # at the first fold: what 500 N m/rad yield under this bend
 BLUR_PX = 0.6
 
 
-def height_mm(grid: CellGrid, X: FloatArray, Y: FloatArray) -> FloatArray:
-    x, y = X / (0.5 * grid.outline_mm[0]) - 1.0, Y / (0.5 * grid.outline_mm[1])
-    return BEND_MM * x * x + TWIST_MM * x * y + CUBIC_MM * x * x * y
+def height_mm(grid: CellGrid, xy: FloatArray, kink_mm: float = KINK_MM) -> FloatArray:
+    x, y = xy[..., 0] / (0.5 * grid.outline_mm[0]) - 1.0, xy[..., 1] / (0.5 * grid.outline_mm[1])
+    fold = grid.folds_mm[0] / (0.5 * grid.outline_mm[0]) - 1.0
+    bent = BEND_MM * x * x + TWIST_MM * x * y + CUBIC_MM * x * x * y + ACROSS_MM * y * y
+    return bent + kink_mm * np.maximum(x - fold, 0.0)
 
 
 def straight(px: FloatArray) -> FloatArray:
@@ -27,18 +31,77 @@ def straight(px: FloatArray) -> FloatArray:
     return np.array([*normal, -normal @ middle])
 
 
+def bows_mm(grid: CellGrid, surface: Surface, bow: Bow) -> FloatArray:
+    """Bows (N, 2) along X and Y as `unbend` sees them."""
+    return bow.rise @ (surface.unknowns[RIGID : RIGID + BENDING] + bow.factor[:BENDING])
+
+
+def true_bows_mm(grid: CellGrid) -> FloatArray:
+    side = 0.5 * (grid.corners_mm + np.roll(grid.corners_mm, -1, axis=1))
+    middle, ends = height_mm(grid, grid.centre_mm), height_mm(grid, side)
+    return np.stack([middle - 0.5 * (ends[:, 1] + ends[:, 3]), middle - 0.5 * (ends[:, 0] + ends[:, 2])], axis=1)
+
+
+def points_at(xyz_mm: FloatArray, seen: np.ndarray) -> Points:
+    points = make_points(len(seen))
+    points.xyz_mm[seen], points.valid[:], points.sigma_mm[seen] = xyz_mm[seen], seen, 1e-3
+    return points
+
+
+def test_folds_lie_in_the_middle_between_panels() -> None:
+    grid = three_panels()
+    X = grid.corners_mm[..., 0]
+    ends = [(X[grid.cell[:, 0] == p].min(), X[grid.cell[:, 0] == p].max()) for p in range(3)]
+    assert grid.folds_mm == pytest.approx([0.5 * (ends[0][1] + ends[1][0]), 0.5 * (ends[1][1] + ends[2][0])])
+
+
+def test_a_kink_at_a_fold_is_not_taken_for_curvature() -> None:
+    grid, normal = three_panels(), make_normal(three_panels().count)
+    seen = (grid.centre_mm[:, 0] > 410.0) & (grid.centre_mm[:, 0] < 1020.0)  # what the paper's cameras see
+    for R in (np.eye(3), rotation(20.0, -10.0, 5.0)):
+        surface = make_surface(grid)
+        set_pose(surface, R, np.array([0.0, 0.0, 725.0]))
+        bow = make_bow(grid, surface)
+        places = np.column_stack([grid.centre_mm, height_mm(grid, grid.centre_mm)]) @ R.T + surface.translation_mm
+        points = points_at(places, seen)
+        fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, np.zeros(grid.count))
+        bow.factor[:] = 0.0
+        rounded = np.abs(bows_mm(grid, surface, bow) - true_bows_mm(grid))[seen]
+        fit_kinks(surface, points, bow)
+        fitted = np.abs(bows_mm(grid, surface, bow) - true_bows_mm(grid))[seen]
+        assert rounded.max() > 0.001
+        assert fitted.max() < 0.1 * rounded.max()
+
+
+def test_folds_out_of_view_leave_the_surface_as_it_is() -> None:
+    grid, normal = three_panels(), make_normal(three_panels().count)
+    seen = grid.cell[:, 0] == 1
+    surface = make_surface(grid)
+    set_pose(surface, np.eye(3), np.array([0.0, 0.0, 725.0]))
+    bow = make_bow(grid, surface)
+    places = np.column_stack([grid.centre_mm, height_mm(grid, grid.centre_mm, 0.0)]) + surface.translation_mm
+    points = points_at(places, seen)
+    for _ in range(3):
+        fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, np.zeros(grid.count))
+    fit_kinks(surface, points, bow)
+    assert np.abs(bows_mm(grid, surface, bow) - true_bows_mm(grid))[seen].max() < 1e-4
+    points.valid[:] = False
+    fit_kinks(surface, points, bow)
+    assert (bow.factor == 0.0).all()
+
+
 def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     rig, grid = paper_rig(4096), three_panels()
     R, t = facing(rig, (700.0, 0.0), 725.0, rotation(2.0, -1.0, 3.0))
     surface, eyes, count = make_surface(grid), eyes_of(rig), grid.count
     set_pose(surface, R, t)
-    surface.unknowns[RIGID + np.array([3, 4, 5])] = TWIST_MM, BEND_MM, CUBIC_MM
+    surface.unknowns[RIGID + np.array([3, 4, 5, 7])] = TWIST_MM, BEND_MM, CUBIC_MM, ACROSS_MM
     expected, centre, in_view = np.zeros((2, count, 4, 2)), np.zeros((2, count, 2)), np.zeros((2, count), np.bool_)
     expect(surface, eyes, expected, centre, in_view)
     seen = in_view.all(axis=0)
 
     def place(xy: FloatArray) -> FloatArray:
-        return np.column_stack([xy, height_mm(grid, xy[:, 0], xy[:, 1])]) @ R.T + t
+        return np.column_stack([xy, height_mm(grid, xy)]) @ R.T + t
 
     corners = np.full((2, count, 4, 2), np.nan)
     for n in np.flatnonzero(seen):
@@ -58,8 +121,10 @@ def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     triangulate_cells(eyes, corners, corners.mean(axis=2), covariance, seen, points)
     true = place(grid.centre_mm)
     before = np.abs(points.xyz_mm - true)[seen]
-    unbend(surface, eyes, expected, covariance, np.full(2, BLUR_PX), points)
+    normal, distance = make_normal(count), np.zeros(count)
+    fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, distance)
+    unbend(surface, eyes, expected, covariance, np.full(2, BLUR_PX), make_bow(grid, surface), points)
     after = np.abs(points.xyz_mm - true)[seen]
     assert seen.sum() > 200
     assert before[:, 0].max() > 0.002 and before[:, 2].max() > 0.001
-    assert after.max() < 0.1 * before.max()
+    assert after.max() < 0.05 * before.max()

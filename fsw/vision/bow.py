@@ -1,17 +1,74 @@
-"""Cells of a bent wing are bent: what that does to points that were measured as if cells were flat."""
+"""Cells of a bent wing are bent: what that does to points that were measured as if cells were flat.
+
+A wing's panels are joined by folds, at which its slope jumps. The smooth surface that all cells are expected on rounds
+these kinks off, and takes up to twice the panels' curvature for it beside a fold. So the valid points are fitted once
+more, by the surface's own bending functions and a kink at every fold: the bending functions then have the curvature.
+"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.edges import FloatArray
+from fsw.vision.edges import FloatArray, solve
+from fsw.vision.grid import CellGrid
 from fsw.vision.perspective import centre_share
-from fsw.vision.prediction import BENDING, RIGID, Surface
+from fsw.vision.prediction import BENDING, POINT_SIGMA_MM, RIGID, Surface, bending_functions, locate
 from fsw.vision.rig import Eyes, project
 from fsw.vision.sides import inset_px
 from fsw.vision.stereo import Points
 from wingbeat.kernels import kernel
+
+KINK_SIGMA_MM = 10.0  # how far a kink may move the wing half its length beyond the fold
+CLOSER = 0.1  # so much closer than to the surface points may lie to one with kinks
+
+
+class Bow(NamedTuple):
+    """What is needed of the grid, and the working memory; K is BENDING and the number of folds."""
+
+    basis: FloatArray  # (N, K) bending functions and kinks at the cells' centres
+    rise: FloatArray  # (N, 2, BENDING) of their centres above the mean of the ends, along X and along Y
+    prior: FloatArray  # (K,) weight of each factor's being 0, against a measured centre, 1 / mm2
+    matrix: FloatArray  # (K, K) normal equations,
+    factor: FloatArray  # (K,) their right side, then the factors beyond the surface's unknowns, mm
+
+
+def make_bow(grid: CellGrid, surface: Surface) -> Bow:
+    """Take the memory for this grid and its surface."""
+    middle = bending_functions(grid, grid.centre_mm)
+    sides = bending_functions(grid, 0.5 * (grid.corners_mm + np.roll(grid.corners_mm, -1, axis=1)))
+    rise = np.stack([middle - 0.5 * (sides[:, 1] + sides[:, 3]), middle - 0.5 * (sides[:, 0] + sides[:, 2])], axis=1)
+    X = grid.centre_mm[:, 0]
+    kinks = [np.maximum(X - fold, 0.0) / (0.5 * grid.outline_mm[0]) for fold in grid.folds_mm]
+    basis = np.column_stack([middle, *kinks])
+    count = basis.shape[1]
+    prior = np.full(count, (CLOSER * POINT_SIGMA_MM / KINK_SIGMA_MM) ** 2)
+    prior[:BENDING] = CLOSER**2 * surface.point_prior[RIGID : RIGID + BENDING]
+    return Bow(basis, np.ascontiguousarray(rise), prior, np.zeros((count, count)), np.zeros(count))
+
+
+@kernel
+def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
+    """Fit bow.factor to what the valid points lie off the surface, along its normal; zero if that cannot be done."""
+    A, b, R, count = bow.matrix, bow.factor, surface.rotation, bow.factor.shape[0]
+    A[:] = 0.0
+    b[:] = 0.0
+    for n in range(points.valid.shape[0]):
+        if not points.valid[n]:
+            continue
+        x, y, z = locate(surface, n, 4)
+        dx, dy, dz = points.xyz_mm[n, 0] - x, points.xyz_mm[n, 1] - y, points.xyz_mm[n, 2] - z
+        off = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+        for i in range(count):
+            here = bow.basis[n, i]
+            b[i] += here * off
+            for j in range(i + 1):
+                A[i, j] += here * bow.basis[n, j]
+    for i in range(count):
+        A[i, i] += bow.prior[i]
+    if not solve(A, b, count):
+        b[:] = 0.0
 
 
 @kernel
@@ -21,46 +78,48 @@ def unbend(
     corners_px: FloatArray,
     covariance_px2: FloatArray,
     blur_px: FloatArray,
+    bow: Bow,
     points: Points,
 ) -> None:
     """Move the valid points from the mean of their cells' corners to the bent cells' centres.
 
     surface: fitted to the points. corners_px (2, N, 4, 2): its ideal pixels. covariance_px2 (2, N, 3): of the measured
-    centres. blur_px (2,): the lens's. The wing bends along X: a side along X is an arch, found above its ends by the
-    mean of its measured part, 1 - share^2 / 3 of the bow, and a side along Y lies at the ends. Moving each to the
-    height of the centre moves the centre in both images, and so the point, by one step of its triangulation.
+    centres. blur_px (2,): the lens's. A side along X is an arch, found above its ends by the mean of its measured
+    part, 1 - share^2 / 3 of the bow along X, and lies at the end of the bow along Y; a side along Y likewise. Moving
+    each to the height of the centre moves the centre in both images, and so the point, by one step of its
+    triangulation.
     """
-    nx, ny, g, a = np.zeros(4), np.zeros(4), np.zeros(3), np.zeros((2, 3))
+    fit_kinks(surface, points, bow)
+    nx, ny, share, g, a = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros(3), np.zeros((2, 3))
     for n in range(points.valid.shape[0]):
         if not points.valid[n]:
             continue
         g[:] = 0.0
-        bow_mm = 0.0
+        bow_x, bow_y = 0.0, 0.0
         for j in range(BENDING):
-            b = surface.basis[n, :, j]
-            bow_mm += surface.unknowns[RIGID + j] * (b[4] - 0.25 * (b[0] + b[1] + b[2] + b[3]))
+            factor = surface.unknowns[RIGID + j] + bow.factor[j]
+            bow_x += factor * bow.rise[n, 0, j]
+            bow_y += factor * bow.rise[n, 1, j]
         X, Y, Z = points.xyz_mm[n, 0], points.xyz_mm[n, 1], points.xyz_mm[n, 2]
         for eye in range(2):
             c, P = corners_px[eye, n], eyes.projection[eye]
             whole = math.sqrt(blur_px[eye] * blur_px[eye] + PIXEL_VARIANCE)
             u, v, w = project(P, X, Y, Z)
-            bow_x, bow_y = 0.0, 0.0
+            up_x, up_y = 0.0, 0.0  # px that a mm along the wing's normal is
             for i in range(3):
                 a[0, i], a[1, i] = (P[0, i] - u * P[2, i]) / w, (P[1, i] - v * P[2, i]) / w
-                bow_x += a[0, i] * surface.rotation[i, 2] * bow_mm
-                bow_y += a[1, i] * surface.rotation[i, 2] * bow_mm
-            share = 0.0
+                up_x += a[0, i] * surface.rotation[i, 2]
+                up_y += a[1, i] * surface.rotation[i, 2]
             for k in range(4):
                 ex, ey = c[(k + 1) % 4, 0] - c[k, 0], c[(k + 1) % 4, 1] - c[k, 1]
                 length = math.hypot(ex, ey)
                 nx[k], ny[k] = ey / length, -ex / length
-                if k == 0:
-                    share = 1.0 - 2.0 * inset_px(length, whole) / length
+                if k < 2:
+                    share[k] = 1.0 - 2.0 * inset_px(length, whole) / length
+            arch_x, arch_y = bow_y + bow_x * share[0] * share[0] / 3.0, bow_x + bow_y * share[1] * share[1] / 3.0
             dx, dy = 0.0, 0.0
             for k in range(4):
-                lift = bow_x * nx[k] + bow_y * ny[k]
-                if k % 2 == 0:
-                    lift *= share * share / 3.0
+                lift = (up_x * nx[k] + up_y * ny[k]) * (arch_x if k % 2 == 0 else arch_y)
                 gx, gy = centre_share(nx, ny, k)
                 dx, dy = dx + lift * gx, dy + lift * gy
             xx, xy, yy = covariance_px2[eye, n]

@@ -54,6 +54,12 @@ class CellGrid:
         before = np.cumsum([0, *(panel.columns for panel in self.panels)])
         return np.asarray(before[self.cell[:, 0]] + self.cell[:, 1], dtype=np.int64)
 
+    @property
+    def folds_mm(self) -> list[float]:
+        """X of the folds: the middles of the gaps between panels."""
+        ends = [p.origin_mm[0] + (p.columns - 1) * p.pitch_mm[0] + p.cell_mm[0] for p in self.panels]
+        return [0.5 * (end + after.origin_mm[0]) for end, after in zip(ends, self.panels[1:], strict=False)]
+
     def index(self, panel: int, column: int, row: int) -> int:
         """Index n of the cell at this place."""
         first = sum(p.columns * p.rows for p in self.panels[:panel])

@@ -31,7 +31,7 @@ ALONG_X, ALONG_Y, ALONG_Z = (0, 2, 15, 16, 17), (1, 2, 18, 19), (3, 4, 5, 6, 7, 
 
 # How large they may be, as standard deviations at the wing's end.
 _SIGMA_MM = [50.0] * RIGID + [100.0] * 5 + [30.0] * 2 + [3.0, 3.0, 10.0, 20.0, 10.0] + [5.0] * LEAN
-_POINT_SIGMA_MM = 0.1  # what a measured centre's distance from this surface is, at most
+POINT_SIGMA_MM = 0.1  # what a measured centre's distance from this surface is, at most
 _LINE_SIGMA_PX = 0.5  # and a sighted line's
 
 LEAST_POINTS = 8  # fewer do not move the surface
@@ -74,22 +74,25 @@ def make_normal(count: int) -> Normal:
 def make_surface(grid: CellGrid) -> Surface:
     """A flat surface at rest, pose unset."""
     flat = np.concatenate([grid.corners_mm, grid.centre_mm[:, None]], axis=1)
-    x = flat[..., 0] / (0.5 * grid.outline_mm[0]) - 1.0
-    y = flat[..., 1] / (0.5 * grid.outline_mm[1])
-    one = np.ones_like(x)
     sigma = np.array(_SIGMA_MM)
-    bending = [one, x, y, x * y, x * x, x * x * y, x**3, y * y, x * y * y, x**3 * y, x**4, x**5]
-    basis = np.stack(bending, axis=-1)
     return Surface(
         np.eye(3),
         np.zeros(3),
         flat,
-        np.ascontiguousarray(basis),
+        bending_functions(grid, flat),
         0.5 * grid.outline_mm[0],
         np.zeros(UNKNOWNS),
-        (_POINT_SIGMA_MM / sigma) ** 2,
+        (POINT_SIGMA_MM / sigma) ** 2,
         (_LINE_SIGMA_PX / sigma) ** 2,
     )
+
+
+def bending_functions(grid: CellGrid, flat_mm: FloatArray) -> FloatArray:
+    """The bending polynomial's terms (..., BENDING) at places (..., 2) on the flat wing."""
+    x, y = flat_mm[..., 0] / (0.5 * grid.outline_mm[0]) - 1.0, flat_mm[..., 1] / (0.5 * grid.outline_mm[1])
+    one = np.ones_like(x)
+    terms = [one, x, y, x * y, x * x, x * x * y, x**3, y * y, x * y * y, x**3 * y, x**4, x**5]
+    return np.ascontiguousarray(np.stack(terms, axis=-1))
 
 
 def set_pose(surface: Surface, rotation: FloatArray, translation_mm: FloatArray) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
 from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
-from fsw.vision.bow import unbend
+from fsw.vision.bow import make_bow, unbend
 from fsw.vision.edges import FloatArray, Image, make_scratch
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid
@@ -45,6 +45,7 @@ class Tracker:
         self.rig, self.grid, self.options, self.eyes = rig, grid, options, eyes_of(rig)
         self.surface = make_surface(grid)
         self._normal = make_normal(count)
+        self._bow = make_bow(grid, self.surface)
         self._approach = Approach(grid, self.eyes, self.surface, self._normal)
         self.expected_px, self.expected_centre_px = self._approach.expected_px, self._approach.expected_centre_px
         self.in_view, self.wanted = self._approach.in_view, self._approach.wanted
@@ -135,7 +136,7 @@ class Tracker:
         gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
         valid = gate_columns(points, self.distance_mm, self._column, self._work)
         expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
-        unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, points)
+        unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, self._bow, points)
         for eye in (0, 1):
             deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
         if self._slipped():

@@ -84,7 +84,10 @@ def accuracy(world: World, truth: Truth, xyz_mm: FloatArray, covariance_mm2: Flo
     freedom = len(ticks) / (len(ticks) - 1.0)  # each cell's mean was taken away
     rms = np.sqrt((moving**2).mean(axis=(0, 1)) * freedom)
     cells = np.flatnonzero(whole)[:: max(1, int(whole.sum()) // FLOOR_CELLS)]
-    floor = np.sqrt(np.einsum("nii->ni", floor_covariance_mm2(world, truth, WARM, cells)).mean(axis=0))
+    floor, own = (
+        np.sqrt(np.einsum("nii->ni", floor_covariance_mm2(world, truth, WARM, cells, own_edges)).mean(axis=0))
+        for own_edges in (False, True)
+    )
     return {
         "coverage": float(np.isfinite(xyz_mm[WARM:, :, 0])[wanted].mean()),
         "displacement_rms_x_mm": float(rms[0]),
@@ -96,6 +99,9 @@ def accuracy(world: World, truth: Truth, xyz_mm: FloatArray, covariance_mm2: Flo
         "ratio_to_floor_x": float(rms[0] / floor[0]),
         "ratio_to_floor_y": float(rms[1] / floor[1]),
         "ratio_to_floor_depth": float(rms[2] / floor[2]),
+        "ratio_to_own_edges_floor_x": float(rms[0] / own[0]),
+        "ratio_to_own_edges_floor_y": float(rms[1] / own[1]),
+        "ratio_to_own_edges_floor_depth": float(rms[2] / own[2]),
         "chi_square_displacement": chi_square(moving, covariance) * freedom,
         "chi_square_position": chi_square(error, covariance),
     }
