@@ -76,7 +76,7 @@ def _drift_flagged(modes: list[Mode], profiles: list[FloatArray]) -> list[Mode]:
             damping_ratio=np.nan,
             damping_ratio_sigma=np.nan,
         )
-        if together or moves([profile])
+        if together or ("weak" not in mode.flags and moves([profile]))
         else mode
         for mode, profile in zip(modes, profiles, strict=True)
     ]
