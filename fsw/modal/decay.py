@@ -11,7 +11,7 @@ from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import even_grid
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.refinement import Fit, project, refined, significance, spanned
+from fsw.modal.refinement import Fit, project, refined, significance
 from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
 from fsw.modal.uncertainty import noise_beside
@@ -69,7 +69,7 @@ def find_decay(
         if not fresh:
             break
         before = len(known)
-        fit, known = _settle(time_s, signals, fit, known, fresh, degree)
+        fit, known = _settle(time_s, signals, fit, known, fresh)
         if len(known) <= before:
             break
     return Decay(
@@ -81,27 +81,27 @@ def find_decay(
 
 
 def _settle(
-    time_s: FloatArray, signals: FloatArray, settled: Fit, known: list[Candidate], fresh: list[Candidate], degree: int
+    time_s: FloatArray, signals: FloatArray, settled: Fit, known: list[Candidate], fresh: list[Candidate]
 ) -> tuple[Fit, list[Candidate]]:
     """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well.
 
     settled: the fit with the modes known so far. It is given back if no fresh one is needed.
     """
     before, known = known, [*known, *fresh]
-    span = spanned(time_s, np.concatenate([settled.poles, [c.pole.s for c in fresh]]), degree)
+    span = settled.span.of(np.concatenate([settled.poles, [c.pole.s for c in fresh]]))
     searched = False
     rounds = 0
     while True:
         whitened = signals @ _whitening(signals, span.fit(signals))
         fit = span.fit(whitened)
-        fit = refined(fit, whitened, degree) if searched else fit
+        fit = refined(fit, whitened) if searched else fit
         drop = _least_needed(time_s, fit)
         if drop is not None:
             keep = np.arange(len(fit.poles)) != drop
             known = [c for c, k in zip(known, keep, strict=True) if k]
             if before and not searched and [id(c) for c in known] == [id(c) for c in before]:
                 return settled, before
-            span = spanned(time_s, fit.poles[keep], degree)
+            span = fit.span.of(fit.poles[keep])
         else:
             if rounds == _REFINEMENTS or (len(fit.poles) == 0 and searched):
                 return fit, known
