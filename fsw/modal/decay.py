@@ -29,6 +29,8 @@ _REFINEMENTS = 3
 _SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
 _FALSE_ALARM = 1e-9
+# Coordinates with so much more power than the quietest are searched first, but so many at least.
+_LOUD, _LEAST_LOUD = 2.0, 4
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -62,7 +64,8 @@ def find_decay(
         left = even_grid(time_s, fit.residual, rate_hz)
         if known and not may_hold_a_mode(left, fit, _least_statistic(left.shape[1])):
             break
-        found, poles = subspace_candidates(left, rate_hz, correlation, options.block_rows, options.order)
+        searched = left if known else left[:, _loud(left)]
+        found, poles = subspace_candidates(searched, rate_hz, correlation, options.block_rows, options.order)
         diagram = diagram or poles
         fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole, fit, time_s)]
         fresh = fresh[: max(most - len(known), 0)]
@@ -78,6 +81,16 @@ def find_decay(
         np.array([c.pole.singular_value for c in known]),
         diagram,
     )
+
+
+def _loud(signals: FloatArray) -> NDArray[np.int64]:
+    """Coordinates that stand out of the quietest, in their order: the first search looks there, for a mode that it
+    misses is left over in all of them.
+    """
+    power = np.mean(signals**2, axis=0)
+    loud = np.argsort(-power, kind="stable")
+    count = int(np.count_nonzero(power > _LOUD * float(np.min(power))))
+    return np.sort(loud[: max(count, _LEAST_LOUD)])
 
 
 def _settle(
