@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from fsw.channels import read_channels
 from fsw.modal.ambient import expected_peak
 from fsw.modal.pipeline import identify
+from fsw.modal.stationary_drift import CHANGES, drift_profile, moves
 from fsw.modal.uncertainty import au_law
-from sim.bench.modal_records import DAMPING, stationary
+from sim.bench.modal_records import DAMPING, moving, stationary
 
 RECORDS = Path(__file__).parents[2] / "shared" / "data" / "records"
 MODES = {"B1": 0.72, "T1": 3.0, "B2": 4.2}
@@ -70,6 +72,39 @@ def test_a_steady_line_is_a_harmonic(kind):
     noise = 0.1 * np.random.default_rng(0).standard_normal((600, 5))
     found = identify(time_s, np.sin(2 * np.pi * 0.9 * time_s)[:, None] + noise, kind)
     assert found.valid_modes == [] and "harmonic" in found.flags
+
+
+@pytest.mark.parametrize("case", ["A1", "A2"])
+@pytest.mark.parametrize("change", [-0.03, 0.02])
+def test_frequencies_that_move_within_a_stationary_response_are_flagged_and_have_no_damping(case, change):
+    for seed in (31, 32):
+        found = identify(*moving(case, seed, change))
+        assert found.kind == "ambient" and "time_varying" in found.flags
+        assert found.valid_modes == []
+        assert all(np.isnan(mode.damping_ratio) for mode in found.modes if "time_varying" in mode.flags)
+
+
+@pytest.mark.parametrize("case", ["A1", "A2"])
+def test_frequencies_of_a_steady_response_do_not_move(case):
+    for seed in range(33, 38):
+        assert not any("time_varying" in mode.flags for mode in identify(*moving(case, seed, 0.0)).modes)
+
+
+def test_a_frequency_that_moves_is_most_likely_with_its_own_change():
+    time_s = np.arange(6000) / 20.0
+    step = np.exp(-0.1 / 20.0)
+    for change in (-0.04, 0.0, 0.02):
+        phase = 2.0 * np.pi * 3.0 * (time_s + change * (time_s**2 / 600.0 - time_s / 2.0))
+        found = []
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            pushes = rng.standard_normal((2, 9000))
+            envelope = scipy.signal.lfilter([1.0], [1.0, -step], pushes[0] + 1j * pushes[1])[3000:]
+            signal = (envelope * np.exp(1j * phase)).real + 0.5 * rng.standard_normal(6000)
+            profile = drift_profile(signal, 20.0, 3.0, 0.1 / (6.0 * np.pi), 0.25 / 6000 / 100.0)
+            found.append(CHANGES[int(np.argmax(profile))])
+            assert moves([profile]) == (change < 0.0) or change > 0.0
+        assert np.mean(found) == pytest.approx(change, abs=0.005)
 
 
 @real_records

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.indicators import amplitude_coherence, modal_singular_value
-from fsw.modal.realisation import Realisation, continuous, frequency_and_damping, poles_of_order
+from fsw.modal.realisation import Poles, Realisation, continuous, frequency_and_damping, poles_of_order
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -86,25 +86,28 @@ def stabilisation(system: Realisation, rate_hz: float, columns: int, band_hz: tu
         frequency_hz, damping = frequency_and_damping(continuous(z, rate_hz))
         return (frequency_hz >= band_hz[0]) & (frequency_hz < band_hz[1]) & (damping > -0.1) & (damping < 0.3)
 
-    found: list[Pole] = []
-    below: _Many | None = None
-    for order in range(2, system.order + 1, 2):
-        poles = poles_of_order(system, order, vibrates)
-        if len(poles.z) == 0:
-            below = None
-            continue
-        coherence = amplitude_coherence(poles, columns)
-        strength = modal_singular_value(poles, columns)
-        s = continuous(poles.z, rate_hz)
-        frequency_hz, damping = frequency_and_damping(s)
-        here = _many(frequency_hz, damping, poles.shape)
-        stable = [False] * len(s) if below is None else np.any(_alike(here, below), axis=1).tolist()
-        below = here
-        found += [
-            Pole(order, complex(s[i]), poles.shape[:, i], float(coherence[i]), float(strength[i]), stable[i])
-            for i in np.argsort(frequency_hz, kind="stable")
-        ]
-    return found
+    orders = range(2, system.order + 1, 2)
+    each = [poles_of_order(system, order, vibrates) for order in orders]
+    order = np.repeat(orders, [len(poles.z) for poles in each])
+    if len(order) == 0:
+        return []
+    # The poles of all orders are judged at once.
+    poles = Poles(
+        z=np.concatenate([poles.z for poles in each]),
+        shape=np.hstack([poles.shape for poles in each]),
+        participation=np.vstack([poles.participation for poles in each]),
+        identified=np.vstack([poles.identified for poles in each]),
+    )
+    coherence = amplitude_coherence(poles, columns)
+    strength = modal_singular_value(poles, columns)
+    s = continuous(poles.z, rate_hz)
+    frequency_hz, damping = frequency_and_damping(s)
+    many = _many(frequency_hz, damping, poles.shape)
+    stable = np.any(_alike(many, many) & (order[:, None] == order + 2), axis=1)
+    return [
+        Pole(int(order[i]), complex(s[i]), poles.shape[:, i], float(coherence[i]), float(strength[i]), bool(stable[i]))
+        for i in np.lexsort((frequency_hz, order))
+    ]
 
 
 def cluster(poles: list[Pole], least: int) -> list[Candidate]:

@@ -11,7 +11,7 @@ from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import even_grid
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.refinement import Fit, project, refined, significance, spanned
+from fsw.modal.refinement import Fit, project, refined, significance
 from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
 from fsw.modal.uncertainty import noise_beside
@@ -29,6 +29,8 @@ _REFINEMENTS = 3
 _SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
 _FALSE_ALARM = 1e-9
+# Coordinates with so much more power than the quietest are searched first, but so many at least.
+_LOUD, _LEAST_LOUD = 2.0, 4
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -62,14 +64,15 @@ def find_decay(
         left = even_grid(time_s, fit.residual, rate_hz)
         if known and not may_hold_a_mode(left, fit, _least_statistic(left.shape[1])):
             break
-        found, poles = subspace_candidates(left, rate_hz, correlation, options.block_rows, options.order)
+        searched = left if known else left[:, _loud(left)]
+        found, poles = subspace_candidates(searched, rate_hz, correlation, options.block_rows, options.order)
         diagram = diagram or poles
         fresh = [c for c in found if c.pole.frequency_hz * float(time_s[-1]) > 1.0 and not _near(c.pole, fit, time_s)]
         fresh = fresh[: max(most - len(known), 0)]
         if not fresh:
             break
         before = len(known)
-        fit, known = _settle(time_s, signals, fit, known, fresh, degree)
+        fit, known = _settle(time_s, signals, fit, known, fresh)
         if len(known) <= before:
             break
     return Decay(
@@ -80,28 +83,38 @@ def find_decay(
     )
 
 
+def _loud(signals: FloatArray) -> NDArray[np.int64]:
+    """Coordinates that stand out of the quietest, in their order: the first search looks there, for a mode that it
+    misses is left over in all of them.
+    """
+    power = np.mean(signals**2, axis=0)
+    loud = np.argsort(-power, kind="stable")
+    count = int(np.count_nonzero(power > _LOUD * float(np.min(power))))
+    return np.sort(loud[: max(count, _LEAST_LOUD)])
+
+
 def _settle(
-    time_s: FloatArray, signals: FloatArray, settled: Fit, known: list[Candidate], fresh: list[Candidate], degree: int
+    time_s: FloatArray, signals: FloatArray, settled: Fit, known: list[Candidate], fresh: list[Candidate]
 ) -> tuple[Fit, list[Candidate]]:
     """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well.
 
     settled: the fit with the modes known so far. It is given back if no fresh one is needed.
     """
     before, known = known, [*known, *fresh]
-    span = spanned(time_s, np.concatenate([settled.poles, [c.pole.s for c in fresh]]), degree)
+    span = settled.span.of(np.concatenate([settled.poles, [c.pole.s for c in fresh]]))
     searched = False
     rounds = 0
     while True:
         whitened = signals @ _whitening(signals, span.fit(signals))
         fit = span.fit(whitened)
-        fit = refined(fit, whitened, degree) if searched else fit
+        fit = refined(fit, whitened) if searched else fit
         drop = _least_needed(time_s, fit)
         if drop is not None:
             keep = np.arange(len(fit.poles)) != drop
             known = [c for c, k in zip(known, keep, strict=True) if k]
             if before and not searched and [id(c) for c in known] == [id(c) for c in before]:
                 return settled, before
-            span = spanned(time_s, fit.poles[keep], degree)
+            span = fit.span.of(fit.poles[keep])
         else:
             if rounds == _REFINEMENTS or (len(fit.poles) == 0 and searched):
                 return fit, known

@@ -16,6 +16,7 @@ from fsw.modal.clustering import LEAST_ORDERS, Pole, cluster, stabilisation
 from fsw.modal.coordinates import Coordinates, even_grid
 from fsw.modal.gates import LARGEST_DECAY_FREQUENCY_SIGMA, common_flags
 from fsw.modal.realisation import realise
+from fsw.modal.refinement import ARRIVED
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import pole_to_modal
 
@@ -26,10 +27,9 @@ ComplexArray = NDArray[np.complex128]
 _COORDINATES = 4
 # Samples for each unknown of the observer, at least.
 _SAMPLES_OF_AN_UNKNOWN = 4
-# Steps of the refinement, and of its differences, as a share of 1 / T.
-_STEPS, _DIFFERENCE = 20, 1e-4
-# What of a step is tried, one after the other.
-_SHORTER = (1.0, 0.5, 0.25, 0.1)
+# Steps of the refinement and trials of each; how far a pole moves in one, and steps of its differences, in 1 / T.
+_STEPS, _TRIALS, _LONGEST, _DIFFERENCE = 40, 5, 1.5, 1e-4
+_LEAST_CAUTION = 1e-8
 # Poles of the free record begin here, and only where the observer found none within this share of the frequency.
 _STARTING_DAMPING, _SAME = 0.01, 0.05
 # What is left of the signals, against the floor of its own spectrum, when the model explains them.
@@ -124,7 +124,7 @@ def _columns(poles: ComplexArray, u: FloatArray, rate_hz: float, drift_degree: i
 
 
 def _refine(y: FloatArray, u: FloatArray, rate_hz: float, poles: ComplexArray, drift_degree: int) -> _Driven:
-    """Gauss-Newton steps of variable projection, with differences for the Jacobian."""
+    """Steps of Levenberg and Marquardt by variable projection, with differences for the Jacobian."""
     duration_s = len(y) / rate_hz
     difference = _DIFFERENCE / duration_s
 
@@ -135,21 +135,30 @@ def _refine(y: FloatArray, u: FloatArray, rate_hz: float, poles: ComplexArray, d
     values = np.stack([poles.real, poles.imag], axis=1).ravel()
     residual = left(values)
     J = np.zeros((len(residual), len(values)))
+    caution = _LEAST_CAUTION
     for _ in range(_STEPS):
         for k in range(len(values)):
             moved = values.copy()
             moved[k] += difference
             J[:, k] = (left(moved) - residual) / difference
-        step = -np.linalg.lstsq(J, residual, rcond=1e-10)[0]
-        step *= min(1.0, 1.0 / (duration_s * max(float(np.max(np.abs(step))), 1e-300)))
-        for share in _SHORTER:
-            trial = left(values + share * step)
-            if float(trial @ trial) < float(residual @ residual):
-                values, residual = values + share * step, trial
+        # Each pole has a limit of its own: one that is hardly known must not hold up the others.
+        scale = np.sqrt(np.sum(J**2, axis=0)) + 1e-300
+        normal, pull = (J / scale).T @ (J / scale), -(J / scale).T @ residual
+        before = float(residual @ residual)
+        for _ in range(_TRIALS):
+            step = np.linalg.solve(normal + caution * np.eye(len(scale)), pull) / scale
+            step /= np.maximum(np.abs(step[0::2] + 1j * step[1::2]) * duration_s / _LONGEST, 1.0).repeat(2)
+            trial = left(values + step)
+            if float(trial @ trial) < before:
+                values, residual, caution = values + step, trial, max(0.1 * caution, _LEAST_CAUTION)
                 break
-        else:
+            caution = max(10.0 * caution, 1e-4)
+        if before - float(residual @ residual) <= ARRIVED * before:
             break
     basis = _columns(values[0::2] + 1j * values[1::2], u, rate_hz, drift_degree)
+    # Columns of one length: what falls or grows fast would else make all of them look alike to rounding.
+    length = np.linalg.norm(basis, axis=0) + 1e-300
+    basis = basis / length
     weights = np.linalg.lstsq(basis, y, rcond=1e-12)[0]
     freedom = max(y.size - weights.size - len(values), 1)
     noise = float(residual @ residual) / freedom
@@ -165,7 +174,7 @@ def _refine(y: FloatArray, u: FloatArray, rate_hz: float, poles: ComplexArray, d
     return _Driven(
         values[0::2] + 1j * values[1::2],
         np.asarray(covariance, np.float64),
-        np.asarray(weights, np.float64),
+        np.asarray(weights / length[:, None], np.float64),
         significance,
         noise / _floor(residual.reshape(y.shape)),
     )

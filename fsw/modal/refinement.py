@@ -48,6 +48,10 @@ class Span:
         """Products of the tangent's columns."""
         return self.tangent.T @ self.tangent
 
+    def of(self, poles: ComplexArray) -> "Span":
+        """The same with other poles."""
+        return spanned(self.time_s, poles, self.basis[:, 2 * len(self.poles) :])
+
     def fit(self, signals: FloatArray) -> "Fit":
         """Best linear fit to signals (T, p) of unit noise variance (whitened)."""
         weights = self.orthonormal.T @ signals
@@ -94,20 +98,22 @@ class Fit:
         return float(np.sum(self.residual**2))
 
 
-def model_basis(time_s: FloatArray, poles: ComplexArray, drift_degree: int) -> FloatArray:
-    """Columns (T, 2 m + drift_degree + 1): real and imaginary part of exp(s t) per pole, then Legendre's."""
-    waves = np.exp(time_s[:, None] * poles)
-    columns = np.empty((len(time_s), 2 * len(poles)))
-    columns[:, 0::2], columns[:, 1::2] = waves.real, waves.imag
+def drift_basis(time_s: FloatArray, degree: int) -> FloatArray:
+    """Legendre's polynomials (T, degree + 1) over the record."""
     span = max(float(time_s[-1] - time_s[0]), 1e-300)
-    drift = np.polynomial.legendre.legvander(2.0 * (time_s - time_s[0]) / span - 1.0, drift_degree)
-    return np.hstack([columns, drift])
+    return np.polynomial.legendre.legvander(2.0 * (time_s - time_s[0]) / span - 1.0, degree)
 
 
-def spanned(time_s: FloatArray, poles: ComplexArray, drift_degree: int) -> Span:
-    """The linear model of poles (m,) in 1/s with Im > 0 at stamps (T,)."""
-    basis = model_basis(time_s, poles, drift_degree)
-    Q, R = np.linalg.qr(basis)
+def spanned(time_s: FloatArray, poles: ComplexArray, drift: FloatArray) -> Span:
+    """The linear model of poles (m,) in 1/s with Im > 0 at stamps (T,), and a drift basis (T, d).
+
+    Its columns are the real and imaginary part of exp(s t) for each pole, then the drift's.
+    """
+    count = 2 * len(poles)
+    basis = np.empty((len(time_s), count + drift.shape[1]), order="F")
+    waves = np.exp(poles[:, None] * time_s)
+    basis[:, 0:count:2], basis[:, 1:count:2], basis[:, count:] = waves.real.T, waves.imag.T, drift
+    Q, R = scipy.linalg.qr(basis, mode="economic", check_finite=False)
     floor = 1e-12 * float(np.max(np.abs(np.diag(R))))
     diagonal = np.diag(R).copy()
     R = R + np.diag(np.where(np.abs(diagonal) < floor, np.copysign(floor, diagonal) - diagonal, 0.0))
@@ -119,7 +125,7 @@ def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_
 
     time_s (T,), signals (T, p) of unit noise variance (whitened), poles (m,) 1/s with Im > 0.
     """
-    return spanned(time_s, poles, drift_degree).fit(signals)
+    return spanned(time_s, poles, drift_basis(time_s, drift_degree)).fit(signals)
 
 
 def pole_directions(X: FloatArray, modes: int) -> FloatArray:
@@ -146,15 +152,15 @@ def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_d
     time_s (T,) true stamps from 0; signals (T, p) whitened; poles (m,) 1/s. A step changes a pole by at most
     1.5 / T.
     """
-    return refined(project(time_s, signals, poles, drift_degree), signals, drift_degree)
+    return refined(project(time_s, signals, poles, drift_degree), signals)
 
 
-def refined(fit: Fit, signals: FloatArray, drift_degree: int) -> Fit:
+def refined(fit: Fit, signals: FloatArray) -> Fit:
     """The same from a fit to the signals with the starting values."""
-    time_s, poles = fit.span.time_s, fit.poles
+    poles = fit.poles
     if len(poles) == 0:
         return fit
-    longest = 1.5 / max(float(time_s[-1]), 1e-300)
+    longest = 1.5 / max(float(fit.span.time_s[-1]), 1e-300)
     damping = 1e-6
     for _ in range(ITERATIONS):
         # The residual lies outside the span already: t times the columns and their tangent pull alike.
@@ -163,7 +169,7 @@ def refined(fit: Fit, signals: FloatArray, drift_degree: int) -> Fit:
         scale = np.diag(fit.information) + 1e-300
         step = np.linalg.lstsq(fit.information + damping * np.diag(scale), gradient, rcond=1e-14)[0]
         step *= min(1.0, longest / max(float(np.max(np.abs(step))), 1e-300))
-        trial = project(time_s, signals, fit.poles + step[0::2] + 1j * step[1::2], drift_degree)
+        trial = fit.span.of(fit.poles + step[0::2] + 1j * step[1::2]).fit(signals)
         if np.isfinite(trial.cost) and trial.cost <= fit.cost:
             gain = fit.cost - trial.cost
             fit, damping = trial, max(damping * 0.1, 1e-12)

@@ -1,5 +1,7 @@
 """Modes of a stationary response to unknown noise: subspace poles, refined by likelihood and weighed."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from fsw.modal.coordinates import Coordinates, even_grid
 from fsw.modal.gates import ambient_flags, common_flags
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.result import Mode, Options, normalised
+from fsw.modal.stationary_drift import drift_profile, moves
 from fsw.modal.stationary_groups import Refined, real_shape, refined
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +50,7 @@ def identify_ambient(
     found = [c for c in found if c.frequency_hz * duration_s > 2.0 and _DAMPING[0] < c.damping_ratio < _DAMPING[1]]
     entries = refined(_without_doubles(found, duration_s), signals, rate_hz)
     found = [entry.candidate for entry in entries]
-    modes = []
+    modes, profiles = [], []
     for entry in entries:
         candidate = entry.candidate
         series = signals @ modal_filter(candidate, found)
@@ -55,7 +58,28 @@ def identify_ambient(
         if peak is not None and peak.gain > 0.0:
             split = _overlaps(candidate, found, duration_s)
             modes.append(_mode(entry, peak, split, basis, coordinates, duration_s, options))
+            noise = 2.0 * peak.floor / (peak.variance * duration_s)
+            profiles.append(drift_profile(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
+    modes = _drift_flagged(modes, profiles)
     return sorted(modes, key=lambda mode: -mode.amplitude)[: options.most_modes], diagram
+
+
+def _drift_flagged(modes: list[Mode], profiles: list[FloatArray]) -> list[Mode]:
+    """The same modes; those that move are flagged: each by itself, or all if the valid ones move together."""
+    valid = [profile for mode, profile in zip(modes, profiles, strict=True) if mode.valid]
+    together = bool(valid) and moves(valid)
+    return [
+        replace(
+            mode,
+            valid=False,
+            flags=sorted({*mode.flags, "time_varying"}),
+            damping_ratio=np.nan,
+            damping_ratio_sigma=np.nan,
+        )
+        if together or ("weak" not in mode.flags and moves([profile]))
+        else mode
+        for mode, profile in zip(modes, profiles, strict=True)
+    ]
 
 
 def _same_shape(a: Candidate, b: Candidate) -> bool:

@@ -13,6 +13,7 @@ from fsw.modal.stationary_likelihood import Band, Group, envelope_covariance, sc
 from fsw.modal.uncertainty import au_law
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 # Points over frequency, decay rate and noise; how far they reach in standard deviations.
 _FREQUENCIES, _DECAYS, _NOISES = 25, 31, 7
@@ -94,14 +95,30 @@ def _line(band: Band, frequency_hz: float) -> float:
 
 def _likelihood(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
     """Log likelihood (...) of a band of one signal, up to a constant; its scale integrated out."""
-    d, a, b = envelope_covariance(band.frequency_hz, frequency_hz, decay_rate, band.duration_s)
-    weight = 1.0 / (d + ratio[..., None])
     y = band.coefficients[:, :, 0]
+    determinant, squares = weighed(band.frequency_hz, y, band.duration_s, frequency_hz, decay_rate, ratio)
+    return -len(y) * determinant - y.size * np.log(squares.sum(axis=-1))
+
+
+def weighed(
+    band_hz: FloatArray,
+    y: ComplexArray,
+    duration_s: float,
+    frequency_hz: FloatArray,
+    decay_rate: FloatArray,
+    ratio: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Logarithm (...) of the determinant of a mode's covariance, and the squares (..., n) of series weighed with it.
+
+    band_hz (K,); y (n, K): Fourier coefficients; frequency_hz, decay_rate, ratio of noise to the mode (...).
+    """
+    d, a, b = envelope_covariance(band_hz, frequency_hz, decay_rate, duration_s)
+    weight = 1.0 / (d + ratio[..., None])
     # Woodbury's identity for the two ranks - a a^T + b b^T.
     aa, bb, ab = np.sum(a * a * weight, -1) - 1.0, np.sum(b * b * weight, -1) + 1.0, np.sum(a * b * weight, -1)
     determinant = aa * bb - ab**2
     ya, yb = (a * weight) @ y.T, (b * weight) @ y.T
-    products = [np.sum((u * v.conj()).real, -1) for u, v in ((ya, ya), (ya, yb), (yb, yb))]
-    cross = products[0] * bb - 2.0 * products[1] * ab + products[2] * aa
-    square = weight @ np.sum(np.abs(y) ** 2, axis=0) - cross / determinant
-    return len(y) * (np.sum(np.log(weight), -1) - np.log(-determinant)) - y.size * np.log(square)
+    products = [(u * v.conj()).real for u, v in ((ya, ya), (ya, yb), (yb, yb))]
+    cross = products[0] * bb[..., None] - 2.0 * products[1] * ab[..., None] + products[2] * aa[..., None]
+    squares = weight @ (np.abs(y) ** 2).T - cross / determinant[..., None]
+    return np.log(-determinant) - np.sum(np.log(weight), -1), squares

@@ -163,10 +163,8 @@ def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, fl
     """
     modes = len(fit.poles)
     s = complex(fit.poles[mode])
-    wave = np.exp(s * time_s)
     X = fit.coefficients[2 * mode : 2 * mode + 2]
-    half_square = 0.5 * time_s**2
-    ramp = half_square[:, None] * (np.outer(wave.real, X[1]) - np.outer(wave.imag, X[0]))
+    ramp = (0.5 * time_s[:, None] ** 2 * fit.span.basis[:, 2 * mode : 2 * mode + 2]) @ np.stack([X[1], -X[0]])
     ramp = ramp - fit.orthonormal @ (fit.orthonormal.T @ ramp)
     E = fit.tangent
     # Remove what the poles' own derivatives can explain, without building them: all is done in their Gram

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.interpolate
 import scipy.linalg
 import scipy.signal
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ AMBIENT = {
     "A1": (_THREE, 120.0, 20.0, (5, 4), 0.2),
     "A2": (_FOUR, 120.0, 20.0, (5, 4), 0.2),
 }
+# Samples of a steady record for one of a record that moves.
+_OFTEN = 8
 # The wing of 17 x 18 points x 3 axes that is followed on board, at the cameras' rate.
 ON_BOARD = (_FOUR, 46.0, (17, 18), 0.5)
 
@@ -146,6 +149,19 @@ def stationary(
         q = _response(step, pushes)
         y += np.outer(q * AMPLITUDE_MM[name] / 5.0 / np.sqrt(settled[0, 0]), form[name][2])
     return np.arange(count) / rate_hz, y
+
+
+def moving(case: str, seed: int, change: float) -> tuple[FloatArray, FloatArray]:
+    """One of AMBIENT whose frequencies move evenly by a share of themselves over the record, about their values.
+
+    Time runs at a pace that changes, over a steady record without noise that is sampled far more often.
+    """
+    modes, duration_s, rate_hz, points, noise_mm = AMBIENT[case]
+    time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
+    own_s = time_s + change * time_s * (time_s - duration_s) / (2.0 * duration_s)
+    fine_s, clean = stationary(modes, duration_s, _OFTEN * rate_hz, points, 0.0, seed)
+    y = scipy.interpolate.CubicSpline(fine_s, clean)(own_s)
+    return time_s, y + noise_mm * np.random.default_rng([seed, 1]).standard_normal(y.shape)
 
 
 def _pushes(rng: np.random.Generator, count: int, drive: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult
 from sim.bench.modal_bounds import cramer_rao
-from sim.bench.modal_records import DAMPING, DECAYS, FloatArray, free_decay, published
+from sim.bench.modal_records import DAMPING, DECAYS, FloatArray, free_decay, moving, published
 from sim.bench.table import Row
 
 _LAMP_HZ, _LAMP_MM = 1.7, 0.8
@@ -22,6 +22,8 @@ def cases(runs: int, seed: int) -> list[Callable[[], Sequence[Row]]]:
         lambda: [_against_clean("jitter of 10 ms", _jittered, seeds)],
         lambda: [_share("ramp of -3 % in 20 s", "time_varying", lambda s: _ramp(s, -0.03), seeds)],
         lambda: [_share("steady, 20 s", "time_varying", lambda s: _ramp(s, 0.0), seeds)],
+        lambda: [_share("ambient, ramp of -3 % in 120 s", "time_varying", lambda s: _ambient_ramp(s, -0.03), seeds)],
+        lambda: [_share("ambient, steady", "time_varying", lambda s: _ambient_ramp(s, 0.0), seeds)],
         lambda: [_share("lamp at 1.7 Hz", "harmonic", _lamp, seeds)],
         lambda: [_share("4.2 Hz at 8 frames a second", "near_nyquist", _alias, seeds)],
     ]
@@ -95,6 +97,12 @@ def _ramp(seed: int, change: float) -> tuple[ModalResult, float]:
     time_s = np.arange(400) / 20.0
     record = free_decay(_MODES, time_s, (5, 4), 0.2, seed, change)
     return identify(time_s, record.noisy), (_MODES["B1"] if change else np.inf)
+
+
+def _ambient_ramp(seed: int, change: float) -> tuple[ModalResult, float]:
+    """The same of a stationary response, of even seeds without and of odd ones with the close pair."""
+    time_s, y = moving(("A1", "A2")[seed % 2], seed, change)
+    return identify(time_s, y), (_MODES["T1"] if change else np.inf)
 
 
 def _lamp(seed: int) -> tuple[ModalResult, float]:
