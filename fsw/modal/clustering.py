@@ -5,8 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.indicators import amplitude_coherence, modal_singular_value, shape_assurance
+from fsw.modal.indicators import amplitude_coherence, modal_singular_value
 from fsw.modal.realisation import Realisation, continuous, frequency_and_damping, poles_of_order
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 # A pole is stable if the next lower order has one like it, and joins a cluster under the same limits.
 FREQUENCY_TOLERANCE = 0.01
@@ -51,13 +54,26 @@ class Candidate:
     damping_scatter: float
 
 
-def alike(a: Pole, b: Pole) -> bool:
-    """Whether two poles are one mode: close in frequency, damping and shape."""
-    return (
-        abs(a.frequency_hz - b.frequency_hz) < FREQUENCY_TOLERANCE * a.frequency_hz
-        and abs(a.damping_ratio - b.damping_ratio) < max(DAMPING_TOLERANCE, DAMPING_SHARE * abs(a.damping_ratio))
-        and shape_assurance(a.shape, b.shape) > SHAPE_TOLERANCE
-    )
+@dataclass(frozen=True)
+class _Many:
+    """What poles are compared by: frequency in Hz and damping ratio (k,), unit shapes (p, k)."""
+
+    frequency_hz: FloatArray
+    damping_ratio: FloatArray
+    shapes: ComplexArray
+
+
+def _many(frequency_hz: FloatArray, damping_ratio: FloatArray, shapes: ComplexArray) -> _Many:
+    return _Many(frequency_hz, damping_ratio, shapes / np.maximum(np.linalg.norm(shapes, axis=0), 1e-300))
+
+
+def _alike(a: _Many, b: _Many) -> NDArray[np.bool_]:
+    """Whether poles (k,) and others (l,) are one mode, (k, l): close in frequency, damping and shape."""
+    frequency_hz, damping = a.frequency_hz[:, None], a.damping_ratio[:, None]
+    near = np.abs(frequency_hz - b.frequency_hz) < FREQUENCY_TOLERANCE * frequency_hz
+    near &= np.abs(damping - b.damping_ratio) < np.maximum(DAMPING_TOLERANCE, DAMPING_SHARE * np.abs(damping))
+    near &= np.abs(a.shapes.conj().T @ b.shapes) ** 2 > SHAPE_TOLERANCE
+    return near
 
 
 def stabilisation(system: Realisation, rate_hz: float, columns: int, band_hz: tuple[float, float]) -> list[Pole]:
@@ -65,27 +81,29 @@ def stabilisation(system: Realisation, rate_hz: float, columns: int, band_hz: tu
 
     Poles that grow fast or are damped beyond 30 % are no vibration and are left out.
     """
+
+    def vibrates(z: ComplexArray) -> NDArray[np.bool_]:
+        frequency_hz, damping = frequency_and_damping(continuous(z, rate_hz))
+        return (frequency_hz >= band_hz[0]) & (frequency_hz < band_hz[1]) & (damping > -0.1) & (damping < 0.3)
+
     found: list[Pole] = []
-    below: list[Pole] = []
+    below: _Many | None = None
     for order in range(2, system.order + 1, 2):
-        poles = poles_of_order(system, order)
+        poles = poles_of_order(system, order, vibrates)
         if len(poles.z) == 0:
-            below = []
+            below = None
             continue
         coherence = amplitude_coherence(poles, columns)
         strength = modal_singular_value(poles, columns)
         s = continuous(poles.z, rate_hz)
         frequency_hz, damping = frequency_and_damping(s)
-        here = []
-        for i in np.argsort(frequency_hz, kind="stable"):
-            if not (band_hz[0] <= frequency_hz[i] < band_hz[1] and -0.1 < damping[i] < 0.3):
-                continue
-            pole = Pole(order, complex(s[i]), poles.shape[:, i], float(coherence[i]), float(strength[i]), False)
-            if any(alike(pole, other) for other in below):
-                pole = Pole(order, pole.s, pole.shape, pole.coherence, pole.singular_value, True)
-            here.append(pole)
-        found += here
+        here = _many(frequency_hz, damping, poles.shape)
+        stable = [False] * len(s) if below is None else np.any(_alike(here, below), axis=1).tolist()
         below = here
+        found += [
+            Pole(order, complex(s[i]), poles.shape[:, i], float(coherence[i]), float(strength[i]), stable[i])
+            for i in np.argsort(frequency_hz, kind="stable")
+        ]
     return found
 
 
@@ -96,18 +114,23 @@ def cluster(poles: list[Pole], least: int) -> list[Candidate]:
     Poles seed clusters in order of amplitude coherence times strength, so that a split pole joins its
     dominant neighbour.
     """
-    free = sorted((p for p in poles if p.stable), key=lambda p: (-p.coherence * p.singular_value, p.order))
+    seeds = sorted((p for p in poles if p.stable), key=lambda p: (-p.coherence * p.singular_value, p.order))
+    if not seeds:
+        return []
+    frequency_hz = np.array([p.frequency_hz for p in seeds])
+    damping = np.array([p.damping_ratio for p in seeds])
+    many = _many(frequency_hz, damping, np.stack([p.shape for p in seeds], axis=1))
+    likeness = _alike(many, many)
+    free = np.ones(len(seeds), np.bool_)
     candidates = []
-    while free:
-        seed = free[0]
-        members = [p for p in free if alike(seed, p)]
-        free = [p for p in free if not alike(seed, p)]
+    while free.any():
+        chosen = np.flatnonzero(likeness[int(np.argmax(free))] & free)
+        free[chosen] = False
+        members = [seeds[i] for i in chosen]
         count = len({p.order for p in members})
         if count >= least:
-            by_damping = sorted(members, key=lambda p: (p.damping_ratio, p.order))
-            f = np.array([p.frequency_hz for p in members])
-            zeta = np.array([p.damping_ratio for p in members])
-            middle = by_damping[len(members) // 2]
+            f, zeta = frequency_hz[chosen], damping[chosen]
+            middle = sorted(members, key=lambda p: (p.damping_ratio, p.order))[len(members) // 2]
             candidates.append(
                 Candidate(middle, count, float(np.median(f)), float(np.median(zeta)), float(f.std()), float(zeta.std()))
             )

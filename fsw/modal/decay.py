@@ -12,6 +12,7 @@ from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import even_grid
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.refinement import Fit, project, refined, significance, spanned
+from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
 from fsw.modal.uncertainty import noise_beside
 
@@ -28,11 +29,6 @@ _REFINEMENTS = 3
 _SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
 _FALSE_ALARM = 1e-9
-# The residual is searched again while a peak of it has this share of what a mode must have beyond the noise's mean. A
-# steady sinusoid and one that falls are looked for, by exponents times T; what falls at another pace, or lies between
-# two frequencies of the grid, has at least two thirds of its own peak.
-_WORTH_A_LOOK = 0.5
-_FALLS = (0.0, 4.0)
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -64,7 +60,7 @@ def find_decay(
     fit = project(time_s, signals, np.zeros(0, np.complex128), degree)
     for _ in range(_PASSES):
         left = even_grid(time_s, fit.residual, rate_hz)
-        if known and not _worth_a_look(left):
+        if known and not may_hold_a_mode(left, fit, _least_statistic(left.shape[1])):
             break
         found, poles = subspace_candidates(left, rate_hz, correlation, options.block_rows, options.order)
         diagram = diagram or poles
@@ -155,14 +151,6 @@ def _least_statistic(coordinates: int) -> float:
     return float(chi2.isf(_FALSE_ALARM, 2 * coordinates))
 
 
-def _worth_a_look(residual: FloatArray) -> bool:
-    """Whether a whitened residual (N, p) on an even grid may hold a mode that the likelihood would keep."""
-    noise = 2.0 * residual.shape[1]  # mean of the statistic where there is no mode
-    beyond = _WORTH_A_LOOK * (_least_statistic(residual.shape[1]) - noise)
-    falls = [np.exp(-fall * np.arange(len(residual)) / len(residual)) for fall in _FALLS]
-    return any(2.0 * tallest(residual * w[:, None]) / float(w @ w) > noise + beyond for w in falls)
-
-
 def complex_shape(fit: Fit, mode: int) -> ComplexArray:
     """Shape (p,) of a mode in the fit's coordinates: amplitude and phase at time 0."""
     return fit.coefficients[2 * mode] - 1j * fit.coefficients[2 * mode + 1]
@@ -200,10 +188,3 @@ def onset(time_s: FloatArray, signals: FloatArray) -> int:
         return 0
     start = int(pieces[min(strike + 1, len(pieces) - 1)][0])
     return start if len(signals) - start >= LEAST_SAMPLES else 0
-
-
-def tallest(signals: FloatArray) -> float:
-    """Largest power over frequency, summed over the coordinates of an even grid (N, p)."""
-    count = len(signals)
-    power = np.sum(np.abs(np.fft.rfft(signals, 2 * count, axis=0)) ** 2, axis=1)
-    return float(np.max(power[3:], initial=0.0))  # from 1.5 / T: below is drift

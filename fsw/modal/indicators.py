@@ -15,10 +15,12 @@ def amplitude_coherence(poles: Poles, columns: int) -> FloatArray:
     The identified series is a row of psi^-1 S^1/2 V^T, the modelled one b [1, z, z^2, ...]. Source: Eq. 39
     as Juang and Pappa (1985) mean it; in print both series are the same and the value is always 1.
     """
-    powers = poles.z[:, None] ** np.arange(columns)
-    modelled = (powers[:, :, None] * poles.participation[:, None, :]).reshape(len(poles.z), -1)
-    inner = np.abs(np.sum(poles.identified * modelled.conj(), axis=1))
-    norms = np.linalg.norm(poles.identified, axis=1) * np.linalg.norm(modelled, axis=1)
+    powers = np.vander(poles.z, columns, increasing=True)
+    identified = poles.identified.reshape(len(poles.z), columns, -1)
+    along = (identified @ poles.participation.conj()[:, :, None])[:, :, 0]
+    inner = np.abs(np.sum(along * powers.conj(), axis=1))
+    modelled = np.linalg.norm(poles.participation, axis=1) * np.linalg.norm(powers, axis=1)
+    norms = np.linalg.norm(poles.identified, axis=1) * modelled
     return np.divide(inner, norms, out=np.zeros(len(inner)), where=norms > 0.0)
 
 
@@ -28,7 +30,7 @@ def modal_singular_value(poles: Poles, columns: int) -> FloatArray:
     sqrt(|c| |b| (1 + |z| + ... + |z|^columns)), which becomes sqrt(|c| |b| / (1 - |z|)) for a long decay;
     the finite sum also holds for a pole on or outside the unit circle. Source: Eq. 40, 41.
     """
-    gain = np.sum(np.abs(poles.z)[:, None] ** np.arange(columns + 1), axis=1)
+    gain = np.sum(np.vander(np.abs(poles.z), columns + 1), axis=1)
     c = np.linalg.norm(poles.shape, axis=0)
     b = np.linalg.norm(poles.participation, axis=1)
     return np.sqrt(c * b * gain)

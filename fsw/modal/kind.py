@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.coordinates import even_grid
-from fsw.modal.decay import tallest
 from fsw.modal.refinement import Fit, project
+from fsw.modal.remainder import tallest
 
 FloatArray = NDArray[np.float64]
 

@@ -1,5 +1,6 @@
 """From correlations to poles: block Hankel matrices, their singular values, and the realisation A, B, C (Eq. 33-38)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,12 +57,13 @@ def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> Floa
 
 
 class BlockHankel:
-    """The same matrix, met through its products: its block rows are pieces of the series, and are not copied."""
+    """The same matrix, met through its products: its block rows and columns are pieces of the series."""
 
     def __init__(self, h: FloatArray, rows: int, columns: int) -> None:
         _, self._p, self._m = h.shape
         self._rows, self._columns, self._h = rows, columns, h
         self._series = h.transpose(1, 0, 2).reshape(self._p, -1)
+        self._transposed = h.transpose(2, 0, 1).reshape(self._m, -1)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -70,21 +72,17 @@ class BlockHankel:
 
     def times(self, V: FloatArray) -> FloatArray:
         """Its product with V (columns m, k)."""
-        return np.vstack([self._block_row(i) @ V for i in range(self._rows)])
+        width = self._columns * self._m
+        return np.vstack([self._series[:, i * self._m : i * self._m + width] @ V for i in range(self._rows)])
 
     def transposed_times(self, Q: FloatArray) -> FloatArray:
         """The product of its transpose with Q (rows p, k)."""
-        product = np.zeros((self.shape[1], Q.shape[1]))
-        for i in range(self._rows):
-            product += self._block_row(i).T @ Q[i * self._p : (i + 1) * self._p]
-        return product
+        width = self._rows * self._p
+        return np.vstack([self._transposed[:, j * self._p : j * self._p + width] @ Q for j in range(self._columns)])
 
     def dense(self) -> FloatArray:
         """The whole matrix."""
         return block_hankel(self._h, self._rows, self._columns)
-
-    def _block_row(self, i: int) -> FloatArray:
-        return self._series[:, i * self._m : (i + self._columns) * self._m]
 
 
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
@@ -123,20 +121,31 @@ def _cut(s: FloatArray, order: int) -> tuple[int, FloatArray]:
     return n, np.sqrt(s[:n])
 
 
-def poles_of_order(system: Realisation, order: int) -> Poles:
-    """Eigenvalues and modal matrices of the realisation cut to an order.
+def poles_of_order(
+    system: Realisation, order: int, wanted: Callable[[ComplexArray], NDArray[np.bool_]] | None = None
+) -> Poles:
+    """Eigenvalues and modal matrices of the realisation cut to an order; wanted: which of the poles z (k,) to keep.
 
     Balanced coordinates make the leading block of A the realisation of the lower order. Source: Eq. 37, 38.
     """
     z, psi = np.linalg.eig(system.A[:order, :order])
     keep = np.flatnonzero((z.imag > 0.0) & (np.abs(z) > 1e-6))
-    inverse = _inverse(psi)[keep]
+    if wanted is not None:
+        keep = keep[wanted(z[keep])]
+    inverse = _inverse(psi)[keep] if len(keep) else np.zeros((0, order), np.complex128)
     return Poles(
         z=z[keep].astype(np.complex128),
-        shape=(system.C[:, :order] @ psi[:, keep]).astype(np.complex128),
-        participation=(inverse @ system.B[:order]).astype(np.complex128),
-        identified=(inverse @ system.controllability[:order]).astype(np.complex128),
+        shape=_product(system.C[:, :order], psi[:, keep]),
+        participation=_product(inverse, system.B[:order]),
+        identified=_product(inverse, system.controllability[:order]),
     )
+
+
+def _product(a: NDArray[Any], b: NDArray[Any]) -> ComplexArray:
+    """a b, where at most one of the two is complex: the real one is not made complex for it."""
+    product = np.empty((len(a), b.shape[1]), np.complex128)
+    product.real, product.imag = a.real @ b.real, a.imag @ b.real if np.iscomplexobj(a) else a.real @ b.imag
+    return product
 
 
 def _inverse(psi: ComplexArray) -> NDArray[Any]:

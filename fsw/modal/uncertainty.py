@@ -13,12 +13,15 @@ ComplexArray = NDArray[np.complex128]
 
 # Frequencies beside a mode, in units of 1 / T, at which the residual tells the noise: near enough to feel
 # its colour, but not the line itself, which the fit has emptied.
-_BESIDE = np.concatenate([np.arange(-11.0, -1.0), np.arange(2.0, 12.0)])
+_REACH = 11
+_BESIDE = np.flatnonzero(np.abs(np.arange(-_REACH, _REACH + 1)) > 1)
 # A frequency of which the fit leaves less than this share of white noise tells nothing.
 _CLEAR = 0.3
 # The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
 # so many.
 _PRIOR_SAMPLES = 10.0
+# Frequencies to either side of a mode's own at which a fit is weighed against what it leaves.
+_HALF_BAND = 12
 # A record is looked at in at most so many stretches, of one period or more, of at least so many samples.
 _STRETCHES = 24
 _LEAST_IN_STRETCH = 4
@@ -61,30 +64,46 @@ def direction(fit: Fit, mode: int) -> FloatArray:
     return Vt[0]
 
 
+def turning(time_s: FloatArray, first_hz: float, step_hz: float, count: int) -> FloatArray:
+    """Cosines and sines (2, count, T) at so many frequencies, evenly apart."""
+    waves = np.empty((count, len(time_s)), np.complex128)
+    waves[0] = np.exp(2j * np.pi * first_hz * time_s)
+    turn = np.exp(2j * np.pi * step_hz * time_s)
+    for k in range(1, count):
+        np.multiply(waves[k - 1], turn, out=waves[k])
+    return np.stack([waves.real, waves.imag])
+
+
 def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = None) -> FloatArray:
     """Power (m,) of the residual beside the frequency of each mode (default: all), along the direction it moves in.
 
     1 for white noise of unit variance. What the fit takes out of white noise at these frequencies (drift and other
     modes near by) is put back in expectation. True stamps: a plain sum of exponentials needs no even grid.
     """
-    turns = np.exp(-2j * np.pi / float(time_s[-1]) * _BESIDE[:, None] * time_s)
-    return np.array([_noise_beside(time_s, fit, j, turns) for j in (range(len(fit.poles)) if modes is None else modes)])
+    chosen = np.arange(len(fit.poles)) if modes is None else np.asarray(modes, np.int64)
+    columns = np.hstack([fit.orthonormal, fit.tangent, fit.residual])
+    return np.array([_noise_beside(time_s, fit, int(j), columns) for j in chosen])
 
 
-def _noise_beside(time_s: FloatArray, fit: Fit, mode: int, turns: ComplexArray) -> float:
-    """turns (K, T): exponentials at the frequencies of _BESIDE."""
+def _noise_beside(time_s: FloatArray, fit: Fit, mode: int, columns: FloatArray) -> float:
+    """columns (T, n): of the fit's span, tangent and residual side by side."""
+    duration_s, own = float(time_s[-1]), slice(2 * mode, 2 * mode + 2)
     frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
-    waves = turns[frequency_hz + _BESIDE / float(time_s[-1]) > 0.0] * np.exp(-2j * np.pi * frequency_hz * time_s)
-    along = direction(fit, mode)
-    pulled, _ = np.linalg.qr(fit.tangent[:, 2 * mode : 2 * mode + 2])
-    taken = np.sum(np.abs(waves @ fit.orthonormal) ** 2, axis=1)
-    left_of_all = np.maximum(len(time_s) - taken, 0.0)
-    left_of_own = np.maximum(left_of_all - np.sum(np.abs(waves @ pulled) ** 2, axis=1), 0.0)
-    seen = waves @ fit.residual
-    overall = float(np.mean(np.sum(np.abs(seen) ** 2, axis=0))) / max(float(np.sum(left_of_all)), 1e-300)
+    waves = turning(time_s, frequency_hz - _REACH / duration_s, 1.0 / duration_s, 2 * _REACH + 1)
+    waves = waves[:, _BESIDE[frequency_hz + (_BESIDE - _REACH) / duration_s > 0.0]]
+    met = waves @ columns
+    spanned, tangent, seen = np.split(
+        met, [fit.orthonormal.shape[1], fit.orthonormal.shape[1] + fit.tangent.shape[1]], 2
+    )
+    pulled = tangent[:, :, own]
+    inverse = np.linalg.pinv(fit.span.gram[own, own], hermitian=True)
+    left_of_all = np.maximum(len(time_s) - np.sum(spanned**2, axis=(0, 2)), 0.0)
+    left_of_own = np.maximum(left_of_all - np.sum((pulled @ inverse) * pulled, axis=(0, 2)), 0.0)
+    overall = float(np.mean(np.sum(seen**2, axis=(0, 1)))) / max(float(np.sum(left_of_all)), 1e-300)
     clear = left_of_own > _CLEAR * len(time_s)
-    own = float(np.sum(np.abs(seen[clear] @ along) ** 2 / left_of_own[clear]))
-    return (own + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
+    along = np.sum((seen[:, clear] @ direction(fit, mode)) ** 2, axis=0)
+    power = float(np.sum(along / left_of_own[clear]))
+    return (power + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
 
 
 def weighting_loss(samples: float, coordinates: int) -> float:
@@ -106,12 +125,10 @@ def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
     along = direction(fit, mode)
     s = complex(fit.poles[mode])
     half = max(3.0 / float(time_s[-1]), abs(s.real) / np.pi)
-    band_hz = s.imag / (2.0 * np.pi) + np.linspace(-half, half, 25)
-    waves = np.exp(-2j * np.pi * band_hz[:, None] * time_s)
-    wave = np.exp(s * time_s)
-    X = fit.coefficients[2 * mode : 2 * mode + 2] @ along
-    model = np.sum(np.abs(waves @ (wave.real * X[0] + wave.imag * X[1])) ** 2)
-    rest = np.sum(np.abs(waves @ (fit.residual @ along)) ** 2)
+    waves = turning(time_s, s.imag / (2.0 * np.pi) - half, half / _HALF_BAND, 2 * _HALF_BAND + 1)
+    own = slice(2 * mode, 2 * mode + 2)
+    explained = fit.span.basis[:, own] @ (fit.coefficients[own] @ along)
+    model, rest = np.sum((waves @ np.stack([explained, fit.residual @ along], axis=1)) ** 2, axis=(0, 1))
     return float(model / (model + rest)) if model > 0.0 else 0.0
 
 
