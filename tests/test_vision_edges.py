@@ -25,6 +25,7 @@ from fsw.vision.edges import (
 )
 from fsw.vision.quads import Cells, make_cells, measure_cells
 from fsw.vision.sides import Lens
+from fsw.vision.standing_in import forget_size
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -35,6 +36,13 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 def seen_step(x: FloatArray, blur_px: float) -> FloatArray:
     """A unit step at 0 blurred by the lens, averaged over a pixel at x: by numerical integration."""
     return np.sum(ndtr((x[..., None] + 0.5 * NODES) / blur_px) * 0.5 * WEIGHTS, axis=-1)
+
+
+def told_size() -> FloatArray:
+    """Size of the cells before any was measured."""
+    size = np.zeros((2, 2))
+    forget_size(size)
+    return size
 
 
 def table_of(blur_px: float) -> FloatArray:
@@ -250,7 +258,7 @@ class Sheet:
         bordering = np.array([[j == 0, i == 2, j == 2, i == 0] for i in range(3) for j in range(3)])
         measure_cells(
             image, lens, np.ascontiguousarray(expected), np.zeros((9, 4, 2)), np.broadcast_to(wanted, 9).copy(),
-            np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering, np.ones(2), dark, 1, scratch, cells,
+            np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering, np.ones(2), told_size(), dark, 1, scratch, cells,
         )  # fmt: skip
         return cells
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
 from fsw.vision.perspective import centre_share, corner_depths, crossing, line_width, mean_gain
 from fsw.vision.sides import Lens, fit_segments, match_segments, straight_side
+from fsw.vision.standing_in import SUMS, add_size, extent_across, is_inside, learn_size, stand_in
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
 
@@ -18,7 +19,6 @@ RECENTRE_PX = 0.35  # a side found farther off than this is measured again round
 RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
-SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share; what stands in for a hidden side is no better
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
 FLOOR_PX = 0.0006  # no side is known better than this: what quantisation leaves
@@ -60,6 +60,7 @@ def measure_cells(
     line_ratio: FloatArray,
     bordering: NDArray[np.bool_],
     width_scale: FloatArray,
+    size: FloatArray,
     dark: bool,
     stride: int,
     scratch: Scratch,
@@ -72,14 +73,15 @@ def measure_cells(
     the line across each side over the cell's extent across that side, on the wing (at a border: the panel's usual
     line). bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the widths along X and Y.
     stride: take every so many columns of a side. Results go to `out`. One hidden side (out of view, or under a glint)
-    is put where its opposite and the cell's expected size say, with a wider variance; with two, the cell is not found.
+    is put where its opposite and the cell's size say, with a wider variance; with two, the cell is not found. size
+    (2, 2): of the cells, see `standing_in`; brought up to date.
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
     for row in range(2):
         fill_templates(lens.step, lens.blur_px, mean_gain(expected_px, wanted, row), row, scratch.templates)
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    flat = np.zeros((4, 2))
+    flat, sizes = np.zeros((4, 2)), np.zeros((2, SUMS))
     middle, slope, variance, pull, weight = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
         out.found[n] = out.whole[n] = False
@@ -99,13 +101,10 @@ def measure_cells(
         for k in range(4):
             k1 = (k + 1) % 4
             ex, ey = c[k1, 0] - c[k, 0], c[k1, 1] - c[k, 1]
-            length = math.hypot(ex, ey)
+            length = lengths[k] = math.hypot(ex, ey)
             nx[k], ny[k] = hand * ey / length, -hand * ex / length  # outwards
             k2, k3 = (k + 2) % 4, (k + 3) % 4
-            opposite = 0.5 * ((c[k2, 0] + c[k3, 0] - c[k, 0] - c[k1, 0]) * nx[k])
-            opposite += 0.5 * ((c[k2, 1] + c[k3, 1] - c[k, 1] - c[k1, 1]) * ny[k])
-            extent = -opposite
-            lengths[k], extents[k] = length, extent
+            extent = extents[k] = extent_across(c, k, nx[k], ny[k])
             # Perspective makes the line wider on a cell's near side than on its far side, and a wedge along it.
             ratio, scale = line_ratio[n, k], width_scale[k % 2]
             ahead = scale * line_width(c, depth, k, k3, ratio, nx[k], ny[k])
@@ -176,14 +175,19 @@ def measure_cells(
                 grown = (middle[k] + middle[k2]) / extents[k]
                 middle[k], middle[k2] = middle[k] + pull[k] * grown, middle[k2] + pull[k2] * grown
                 scratch.pooled[1 + k, 0] -= grown * (weight[k] + weight[k2])
+                measured, noise = extents[k] + middle[k] + middle[k2], variance[k] + variance[k2]
+                add_size(size, k, extent_across(flat, k, nx[k], ny[k]), measured, noise, sizes)
         else:
-            k, k2 = which, (which + 2) % 4
-            middle[k], slope[k] = -middle[k2], slope[k2] * lengths[k] / lengths[k2]
-            variance[k] = variance[k2] + (SHAPE_SIGMA * extents[k]) ** 2
+            k, k1, k2 = which, (which + 1) % 4, (which + 2) % 4
+            covered = is_inside(image, lens, c[k, 0], c[k, 1]) and is_inside(image, lens, c[k1, 0], c[k1, 1])
+            expected = extent_across(flat, k, nx[k], ny[k])
+            middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], middle[k2], variance[k2])
+            slope[k] = slope[k2] * lengths[k] / lengths[k2]
         _corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
+    learn_size(size, sizes)
 
 
 @kernel

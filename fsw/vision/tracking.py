@@ -16,6 +16,7 @@ from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface
 from fsw.vision.quads import Cells, adapt, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.sides import Lens
+from fsw.vision.standing_in import forget_size
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
@@ -60,6 +61,8 @@ class Tracker:
         self.distance_mm = np.full(count, np.nan)
         self.blur_px = np.full(2, options.blur_px)
         self.width_scale = np.ones((2, 2))
+        self.cell_size = np.zeros((2, 2, 2))
+        self._forget_sizes()
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
         pitch = [panel.pitch_mm for panel in grid.panels]
@@ -90,6 +93,7 @@ class Tracker:
         self.place(rotation, translation_mm)
         self.blur_px[:] = self.options.blur_px
         self.width_scale[:] = 1.0
+        self._forget_sizes()
         found = 0
         self._adaptation = 1.0
         for _ in range(START_PASSES):
@@ -108,6 +112,11 @@ class Tracker:
         self._approach.adopt(scout._approach)
         self.blur_px[:] = scout.blur_px
         self.width_scale[:] = scout.width_scale
+        self.cell_size[:] = scout.cell_size
+
+    def _forget_sizes(self) -> None:
+        for eye in (0, 1):
+            forget_size(self.cell_size[eye])
 
     def measure(self, left: Image, right: Image) -> None:
         """Find all cells near where they are expected in both images."""
@@ -208,6 +217,7 @@ class Tracker:
             self.line_ratio,
             self.bordering,
             self.width_scale[eye],
+            self.cell_size[eye],
             self.grid.dark,
             self.options.stride,
             self._scratch[eye],

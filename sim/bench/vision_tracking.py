@@ -18,7 +18,6 @@ FloatArray = NDArray[np.float64]
 PAIRS = 24  # drawn beforehand: 0.6 GB at full size
 WARM = 3  # pairs before the figures begin: blur and widths of the lines settle
 SEARCHES = 5
-FLOOR_CELLS = 40  # spread over those in view: the floor differs little from cell to cell
 
 
 def tracking(binning: int, seed: int, at_rest: bool) -> list[Row]:
@@ -83,7 +82,7 @@ def accuracy(world: World, truth: Truth, xyz_mm: FloatArray, covariance_mm2: Flo
     moving = error - error.mean(axis=0)
     freedom = len(ticks) / (len(ticks) - 1.0)  # each cell's mean was taken away
     rms = np.sqrt((moving**2).mean(axis=(0, 1)) * freedom)
-    cells = np.flatnonzero(whole)[:: max(1, int(whole.sum()) // FLOOR_CELLS)]
+    cells = np.flatnonzero(whole)
     floor, own = (
         np.sqrt(np.einsum("nii->ni", floor_covariance_mm2(world, truth, WARM, cells, own_edges)).mean(axis=0))
         for own_edges in (False, True)
