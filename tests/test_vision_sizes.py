@@ -22,18 +22,19 @@ def widened(shift: np.ndarray, scale: float = 1.0) -> np.ndarray:
     cells.whole[:] = cells.found[:] = True
     deviation = cells.corners_px - expected  # what was wrong in the tick before must not hide what is wrong now
     widen_odd_sizes(expected + deviation, deviation, np.zeros((COUNT, 3)), cells)
+    assert (cells.found == (abs(shift - np.median(shift)) < 0.5)).all()
     return cells.covariance_px2
 
 
 def test_a_side_that_is_off_widens_its_own_direction_until_sigma_tells_the_truth() -> None:
     shift = np.zeros(COUNT)
-    shift[[7, 31]] = 0.06, -0.3
+    shift[[7, 31, 50]] = 0.06, -0.3, 0.8  # the last is no cell
     C = widened(shift)
     for n in (7, 31):
         sigma = np.sqrt(C[n, 2])
         assert 1.0 < sigma / (0.5 * abs(shift[n])) < 2.0
         assert C[n, 0] < 0.05 * C[n, 2]
-    others = np.delete(C[:, 2], [7, 31])
+    others = np.delete(C[:, 2], [7, 31, 50])
     assert (others == VARIANCE).mean() > 0.95
 
 

@@ -7,6 +7,7 @@ from fsw.vision.quads import Cells
 from wingbeat.kernels import kernel
 
 GATE_SIGMAS = 3.0  # a size farther from the others' than noise and their scatter explain
+ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
 _ROUNDS = 5  # mean and scatter of the sizes, each time without those that are odd
 
 
@@ -54,6 +55,8 @@ def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: Flo
             # The extent is the difference of two sides, the centre their mean: four times the variance.
             own = 4.0 * (C[0] * nx * nx + 2.0 * C[1] * nx * ny + C[2] * ny * ny)
             if off * off > GATE_SIGMAS**2 * max(own, scatter * scatter):
+                if abs(off) > ODD_PX:
+                    out.found[n] = out.whole[n] = False
                 wider = 0.5 * off * off
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
 
