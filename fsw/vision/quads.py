@@ -81,7 +81,7 @@ def measure_cells(
     for row in range(2):
         fill_templates(lens.step, lens.blur_px, mean_gain(expected_px, wanted, row), row, scratch.templates)
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    flat, sizes = np.zeros((4, 2)), np.zeros((2, SUMS))
+    flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((3, 2))
     middle, slope, variance, pull, weight = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
         out.found[n] = out.whole[n] = False
@@ -96,6 +96,7 @@ def measure_cells(
         flat[:] = c - deviation_px[n]
         corner_depths(flat, depth)
         hidden, which, squares, contrast = 0, -1, 0.0, 0.0
+        agreed[:] = scratch.pooled
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
         for k in range(4):
@@ -166,6 +167,8 @@ def measure_cells(
             middle[k], slope[k], variance[k] = m, s, v + FLOOR_PX * FLOOR_PX
             squares += r * r
             contrast += side_contrast
+        if hidden > 0:
+            scratch.pooled[:] = agreed  # whatever hides a side may also lie over the others
         if hidden > 1:
             continue
         if hidden == 0:

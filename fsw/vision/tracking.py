@@ -16,6 +16,7 @@ from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface
 from fsw.vision.quads import Cells, adapt, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.sides import Lens
+from fsw.vision.sizes import widen_odd_sizes
 from fsw.vision.standing_in import forget_size
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
@@ -65,6 +66,7 @@ class Tracker:
         self._forget_sizes()
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
+        self._sizes = np.zeros((2, count, 3))
         pitch = [panel.pitch_mm for panel in grid.panels]
         self._slip_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
         self._named_mm: tuple[float, float] | None = None  # where the wing was in its plane when its cells were named
@@ -223,4 +225,5 @@ class Tracker:
             self._scratch[eye],
             self.cells[eye],
         )
+        widen_odd_sizes(self.expected_px[eye], self.deviation_px[eye], self._sizes[eye], self.cells[eye])
         adapt(self._scratch[eye].pooled, self._adaptation, self.blur_px, self.width_scale, eye)

@@ -1,0 +1,42 @@
+"""A cell that is larger or smaller than the others says so in its covariance."""
+
+import numpy as np
+
+from fsw.vision.quads import make_cells
+from fsw.vision.sizes import widen_odd_sizes
+
+COUNT, VARIANCE = 60, 1e-6
+
+
+def widened(shift: np.ndarray, scale: float = 1.0) -> np.ndarray:
+    """Covariances (N, 3) of cells whose upper side is measured `shift` (N,) px too far out."""
+    draw = np.random.default_rng(5)
+    place = 50.0 * np.stack(np.divmod(np.arange(COUNT), 10), axis=1)
+    square = np.array([[0.0, 0.0], [40.0, 3.0], [37.0, 33.0], [-3.0, 30.0]])
+    expected = place[:, None] + square
+    cells, upwards = make_cells(COUNT), np.array([-3.0, 40.0]) / np.hypot(3.0, 40.0)
+    middle = expected.mean(axis=1, keepdims=True)
+    cells.corners_px[:] = middle + scale * (expected - middle) + draw.normal(0.0, 1e-3, (COUNT, 1, 1))
+    cells.corners_px[:, 2:] += (shift + draw.normal(0.0, 1e-3, COUNT))[:, None, None] * upwards
+    cells.covariance_px2[:] = VARIANCE, 0.0, VARIANCE
+    cells.whole[:] = cells.found[:] = True
+    deviation = cells.corners_px - expected  # what was wrong in the tick before must not hide what is wrong now
+    widen_odd_sizes(expected + deviation, deviation, np.zeros((COUNT, 3)), cells)
+    assert (cells.found == (abs(shift - np.median(shift)) < 0.5)).all()
+    return cells.covariance_px2
+
+
+def test_a_side_that_is_off_widens_its_own_direction_until_sigma_tells_the_truth() -> None:
+    shift = np.zeros(COUNT)
+    shift[[7, 31, 50]] = 0.06, -0.3, 0.8  # the last is no cell
+    C = widened(shift)
+    for n in (7, 31):
+        sigma = np.sqrt(C[n, 2])
+        assert 1.0 < sigma / (0.5 * abs(shift[n])) < 2.0
+        assert C[n, 0] < 0.05 * C[n, 2]
+    others = np.delete(C[:, 2], [7, 31, 50])
+    assert (others == VARIANCE).mean() > 0.95
+
+
+def test_what_all_cells_have_in_common_is_no_fault_of_any() -> None:
+    assert (widened(np.full(COUNT, 0.2), 1.01)[:, 2] == VARIANCE).mean() > 0.95
