@@ -6,7 +6,7 @@ from fsw.vision.edges import FloatArray
 from fsw.vision.quads import Cells
 from wingbeat.kernels import kernel
 
-GATE_SIGMAS = 3.0  # a size farther from the others' than noise and their scatter explain
+GATE_SIGMAS = 5.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
 _ROUNDS = 5  # mean and scatter of the sizes, each time without those that are odd
 
