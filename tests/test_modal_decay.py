@@ -182,6 +182,24 @@ def test_drift_is_no_mode():
     assert [round(m.frequency_hz, 2) for m in identify(time_s, noisy + drift).modes] == [0.72, 3.0, 4.2]
 
 
+def test_drift_in_a_short_record_costs_neither_accuracy_nor_honesty():
+    over_bound, over_sigma = {"still": [], "drifting": []}, []
+    for seed in range(1200, 1240):
+        record = published("D1", seed)
+        x = 2.0 * record.time_s / record.time_s[-1] - 1.0
+        rng = np.random.default_rng([seed, 7])
+        slope, bend = 2.0 + 0.6 * rng.standard_normal(record.noisy.shape[1]), rng.standard_normal()
+        drift = {"still": np.zeros_like(record.noisy), "drifting": np.outer(x, slope) + bend * (x**2)[:, None]}
+        for name, errors in over_bound.items():
+            (mode,) = identify(record.time_s, record.noisy + drift[name]).valid_modes
+            error = np.array([mode.frequency_hz - record.frequency_hz[0], mode.damping_ratio - DAMPING])
+            errors.append(error / cramer_rao(record)[0])
+            over_sigma.append(error / [mode.frequency_sigma_hz, mode.damping_ratio_sigma])
+    rms = {name: np.sqrt(np.mean(np.square(errors), axis=0)) for name, errors in over_bound.items()}
+    assert (rms["drifting"] < 1.15 * rms["still"]).all()
+    assert 0.9 < np.mean(np.abs(over_sigma) < 1.96) < 0.99
+
+
 def test_quiet_before_the_strike_is_left_out():
     noisy = published("D2", 2).noisy
     quiet = 0.2 * np.random.default_rng(0).standard_normal((150, 20))

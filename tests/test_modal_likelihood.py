@@ -135,3 +135,23 @@ def test_ambient_modes_are_all_found_and_nothing_else(case):
 @pytest.mark.parametrize(("case", "seed"), [("A1", 1006), ("A2", 1016), ("A2", 2006)])
 def test_one_mode_that_falls_by_chance_is_no_free_decay(case, seed):
     assert identify(*stationary(*AMBIENT[case], seed)).kind == "ambient"
+
+
+def test_a_peak_that_falls_in_two_pieces_by_chance_is_one_mode():
+    f = AMBIENT["A1"][0]["B2"]
+    (mode,) = (m for m in identify(*stationary(*AMBIENT["A1"], 2099)).modes if abs(m.frequency_hz - f) < 0.1 * f)
+    assert mode.valid
+    assert abs(mode.frequency_hz - f) < 2.0 * mode.frequency_sigma_hz < 0.01 * f
+
+
+def test_two_modes_of_one_shape_that_stand_apart_are_both_found_in_most_records():
+    _, duration_s, rate_hz, points, noise_mm = AMBIENT["A1"]
+    pair_hz = np.array([4.0, 4.3])
+    both = 0
+    for seed in range(6):
+        time_s, first = stationary({"B1": 0.72, "B2": pair_hz[0]}, duration_s, rate_hz, points, noise_mm, seed)
+        _, second = stationary({"B2": pair_hz[1]}, duration_s, rate_hz, points, noise_mm, 1000 + seed)
+        found = [m for m in identify(time_s, first + second).valid_modes if m.frequency_hz > 2.0]
+        assert all(np.min(np.abs(m.frequency_hz - pair_hz)) < 4.0 * m.frequency_sigma_hz for m in found)
+        both += len(found) == 2
+    assert both >= 4

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fsw.modal.clustering import Candidate
 from fsw.modal.gates import LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
+from fsw.modal.indicators import shape_assurance
 from fsw.modal.stationary_likelihood import Band, Group, band_of, first_guess, half_band_hz, most_likely, without
 from fsw.modal.stationary_posterior import Estimate, posterior
 
@@ -19,13 +20,17 @@ _MOST, _LEAST_COEFFICIENTS = 3, 5
 _LEAST_DAMPING, _MOST_DAMPING = 5e-4, 0.15
 # A candidate in so many orders is one whatever the likelihood says: a second peak of one shape may be the force's.
 _OFTEN = 8
+# Of modes of the very shape in a band each must gain so much: the peak of one mode falls in two by chance, with a gain
+# of 16 in one case of 200 (chi-square of some four degrees).
+VERY_SHAPE, _PIECE_GAIN = 0.95, 30.0
 # Of candidates that can do without each other, the likelihoods without them differ by less than this.
 _TIE = 0.5
 # A direction of a band's motion has at least so much more power than the least.
 _CLEAR = 4.0
 # Filters that would amplify more than the inverse of this let neighbours pass.
 _FLAT = 0.1
-# A candidate that moves by more than so many widths was another mode's.
+# A candidate that moves by more than so many widths, from itself or from a dropped piece of its peak, was another
+# mode's.
 _FAR = 3.0
 
 
@@ -94,13 +99,21 @@ def _settled(fresh: list[Candidate], known: list[Candidate], signals: FloatArray
     members, group = _needed(members, len(fresh), band, group)
     needed = members[: len(members) - len(known)]
     entries = [_refined(c, _estimate(band, group, j), basis @ group.shapes[:, j]) for j, c in enumerate(needed)]
-    resolution_hz = rate_hz / len(signals)
+    dropped = [c for c in fresh if not any(c is n for n in needed)]
     return [
         entry
         for old, entry in zip(needed, entries, strict=True)
-        if abs(entry.candidate.frequency_hz - old.frequency_hz)
-        < _FAR * (max(old.damping_ratio, 0.0) * old.frequency_hz + resolution_hz)
+        if any(
+            _arrives(entry, c, rate_hz / len(signals))
+            for c in [old, *(c for c in dropped if shape_assurance(c.pole.shape, old.pole.shape) > VERY_SHAPE)]
+        )
     ]
+
+
+def _arrives(entry: Refined, start: Candidate, resolution_hz: float) -> bool:
+    """Whether a refined mode is where a candidate was, within some of its widths."""
+    width_hz = max(start.damping_ratio, 0.0) * start.frequency_hz + resolution_hz
+    return abs(entry.candidate.frequency_hz - start.frequency_hz) < _FAR * width_hz
 
 
 def _span(signals: FloatArray, rate_hz: float, low_hz: float, high_hz: float, most: int) -> FloatArray:
@@ -118,14 +131,20 @@ def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> t
     doubted = [j < fresh and c.count < _OFTEN for j, c in enumerate(members)]
     while any(doubted) and len(members) > 1:
         fewer = {j: without(group, band, j) for j, doubt in enumerate(doubted) if doubt}
-        best = max(other.likelihood for other in fewer.values())
-        if 2.0 * (group.likelihood - best) > LEAST_GAIN:
+        excess = {j: 2.0 * (group.likelihood - other.likelihood) - _asked(group, j) for j, other in fewer.items()}
+        if min(excess.values()) > 0.0:
             break
-        ties = [j for j, other in fewer.items() if other.likelihood > best - _TIE]
+        ties = [j for j in fewer if excess[j] < min(excess.values()) + 2.0 * _TIE]
         least = min(ties, key=lambda j: (members[j].count, members[j].pole.singular_value))
         group = fewer[least]
         del members[least], doubted[least]
     return members, group
+
+
+def _asked(group: Group, mode: int) -> float:
+    """Gain that a mode of a group is asked for: more beside another one of its shape."""
+    alike = (group.shapes[:, mode] @ group.shapes) ** 2 > VERY_SHAPE
+    return _PIECE_GAIN if np.count_nonzero(alike) > 1 else LEAST_GAIN
 
 
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:

@@ -13,7 +13,7 @@ from fsw.modal.gates import ambient_flags, common_flags
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.stationary_drift import drift_profile, moves
-from fsw.modal.stationary_groups import Refined, real_shape, refined
+from fsw.modal.stationary_groups import VERY_SHAPE, Refined, real_shape, refined
 
 FloatArray = NDArray[np.float64]
 
@@ -28,10 +28,8 @@ _SAME_SHAPE = 0.8
 _DAMPING = (-0.02, 0.15)
 # Neighbours of a mode within this share of its frequency are kept out of its signal by their shapes.
 _NEIGHBOUR = 0.2
-# Beside a mode, poles with less than this share of its singular value are its fragments even farther off, and all are
-# those of the very shape.
+# Beside a mode, poles with less than this share of its singular value are its fragments even farther off.
 _FRAGMENT = 0.15
-_VERY_SHAPE = 0.95
 
 
 def identify_ambient(
@@ -117,7 +115,7 @@ def _overlaps(candidate: Candidate, found: list[Candidate], duration_s: float) -
         width_hz = other.damping_ratio * other.frequency_hz + candidate.damping_ratio * candidate.frequency_hz
         strength, stronger = candidate.pole.singular_value, other.pole.singular_value
         before = (other.count, stronger) > (candidate.count, strength)
-        alike = shape_assurance(other.pole.shape, candidate.pole.shape) > _VERY_SHAPE
+        alike = shape_assurance(other.pole.shape, candidate.pole.shape) > VERY_SHAPE
         near = apart_hz < width_hz + 3.0 / duration_s
         near |= strength < _FRAGMENT * stronger and apart_hz < 3.0 * (width_hz + 1.0 / duration_s)
         if other is not candidate and before and alike and near:
