@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from vision_scene import FloatArray
 
+from fsw.vision.perspective import extent_across
 from fsw.vision.standing_in import (
     LEAST_CELLS,
     LEAST_SIGMA,
@@ -11,7 +12,6 @@ from fsw.vision.standing_in import (
     SHAPE_SIGMA,
     SUMS,
     add_size,
-    extent_across,
     forget_size,
     learn_size,
     stand_in,

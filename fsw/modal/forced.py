@@ -143,7 +143,8 @@ def _refine(y: FloatArray, u: FloatArray, rate_hz: float, poles: ComplexArray, d
             J[:, k] = (left(moved) - residual) / difference
         # Each pole has a limit of its own: one that is hardly known must not hold up the others.
         scale = np.sqrt(np.sum(J**2, axis=0)) + 1e-300
-        normal, pull = (J / scale).T @ (J / scale), -(J / scale).T @ residual
+        unit = J / scale
+        normal, pull = unit.T @ unit, -unit.T @ residual
         before = float(residual @ residual)
         for _ in range(_TRIALS):
             step = np.linalg.solve(normal + caution * np.eye(len(scale)), pull) / scale

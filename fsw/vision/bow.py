@@ -13,7 +13,7 @@ import numpy as np
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import FloatArray, solve
 from fsw.vision.grid import CellGrid
-from fsw.vision.perspective import centre_share
+from fsw.vision.perspective import centre_share, side_normal
 from fsw.vision.prediction import BENDING, POINT_SIGMA_MM, RIGID, Surface, bending_functions, locate
 from fsw.vision.rig import Eyes, project
 from fsw.vision.sides import inset_px
@@ -111,9 +111,7 @@ def unbend(
                 up_x += a[0, i] * surface.rotation[i, 2]
                 up_y += a[1, i] * surface.rotation[i, 2]
             for k in range(4):
-                ex, ey = c[(k + 1) % 4, 0] - c[k, 0], c[(k + 1) % 4, 1] - c[k, 1]
-                length = math.hypot(ex, ey)
-                nx[k], ny[k] = ey / length, -ex / length
+                length, nx[k], ny[k] = side_normal(c, k)
                 if k < 2:
                     share[k] = 1.0 - 2.0 * inset_px(length, whole) / length
             arch_x, arch_y = bow_y + bow_x * share[0] * share[0] / 3.0, bow_x + bow_y * share[1] * share[1] / 3.0

@@ -33,6 +33,23 @@ def crossing(c: FloatArray) -> tuple[float, float]:
 
 
 @kernel
+def side_normal(c: FloatArray, k: int) -> tuple[float, float, float]:
+    """Length of side k of a quadrangle c (4, 2), and its unit normal: outwards where the corners turn from x to y."""
+    k1 = (k + 1) % 4
+    ex, ey = c[k1, 0] - c[k, 0], c[k1, 1] - c[k, 1]
+    length = math.hypot(ex, ey)
+    return length, ey / length, -ex / length
+
+
+@kernel
+def extent_across(c: FloatArray, k: int, nx: float, ny: float) -> float:
+    """Extent of a cell of corners c (4, 2) from side k to the side across, along side k's outward normal."""
+    k1, k2, k3 = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4
+    x, y = c[k, 0] + c[k1, 0] - c[k2, 0] - c[k3, 0], c[k, 1] + c[k1, 1] - c[k2, 1] - c[k3, 1]
+    return 0.5 * (x * nx + y * ny)
+
+
+@kernel
 def centre_share(nx: FloatArray, ny: FloatArray, k: int) -> tuple[float, float]:
     """By how much the corners' mean moves when side k moves by 1 px along its normal; nx, ny (4,): all normals."""
     j, i = (k + 3) % 4, (k + 1) % 4

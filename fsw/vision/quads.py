@@ -7,9 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
-from fsw.vision.perspective import centre_share, corner_depths, crossing, line_width, mean_gain
+from fsw.vision.perspective import (
+    centre_share,
+    corner_depths,
+    crossing,
+    extent_across,
+    line_width,
+    mean_gain,
+    side_normal,
+)
 from fsw.vision.sides import Lens, fit_segments, match_segments, straight_side
-from fsw.vision.standing_in import SUMS, add_size, extent_across, is_inside, learn_size, stand_in
+from fsw.vision.standing_in import SUMS, add_size, is_inside, learn_size, stand_in
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
 
@@ -101,9 +109,8 @@ def measure_cells(
         hand = 1.0 if turn > 0.0 else -1.0
         for k in range(4):
             k1 = (k + 1) % 4
-            ex, ey = c[k1, 0] - c[k, 0], c[k1, 1] - c[k, 1]
-            length = lengths[k] = math.hypot(ex, ey)
-            nx[k], ny[k] = hand * ey / length, -hand * ex / length  # outwards
+            lengths[k], x, y = side_normal(c, k)
+            nx[k], ny[k] = hand * x, hand * y  # outwards
             k2, k3 = (k + 2) % 4, (k + 3) % 4
             extent = extents[k] = extent_across(c, k, nx[k], ny[k])
             # Perspective makes the line wider on a cell's near side than on its far side, and a wedge along it.

@@ -3,6 +3,7 @@
 import math
 
 from fsw.vision.edges import FloatArray
+from fsw.vision.perspective import extent_across, side_normal
 from fsw.vision.quads import Cells
 from wingbeat.kernels import kernel
 
@@ -25,10 +26,10 @@ def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: Flo
             work[n, 0] = math.nan
             if not out.whole[n]:
                 continue
-            nx, ny = _normal(expected_px[n], axis)
-            work[n, 0] = _extent(out.corners_px[n], axis, nx, ny)
+            _, nx, ny = side_normal(expected_px[n], axis)
+            work[n, 0] = extent_across(out.corners_px[n], axis, nx, ny)
             e, d = expected_px[n], deviation_px[n]
-            work[n, 0] -= _extent(e, axis, nx, ny) - _extent(d, axis, nx, ny)
+            work[n, 0] -= extent_across(e, axis, nx, ny) - extent_across(d, axis, nx, ny)
             work[n, 1], work[n, 2] = nx, ny
             total += work[n, 0]
             count += 1
@@ -59,20 +60,3 @@ def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: Flo
                     out.found[n] = out.whole[n] = False
                 wider = 0.5 * off * off
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
-
-
-@kernel
-def _normal(c: FloatArray, axis: int) -> tuple[float, float]:
-    """Unit vector across side `axis` of a quadrangle (4, 2), towards or away from the opposite side."""
-    ex, ey = c[axis + 1, 0] - c[axis, 0], c[axis + 1, 1] - c[axis, 1]
-    length = math.hypot(ex, ey)
-    return ey / length, -ex / length
-
-
-@kernel
-def _extent(c: FloatArray, axis: int, nx: float, ny: float) -> float:
-    """Distance of the middles of the sides `axis` and axis + 2 of c (4, 2) along a unit vector, signed."""
-    i, j, k = axis + 1, axis + 2, (axis + 3) % 4
-    x = c[axis, 0] + c[i, 0] - c[j, 0] - c[k, 0]
-    y = c[axis, 1] + c[i, 1] - c[j, 1] - c[k, 1]
-    return 0.5 * (x * nx + y * ny)

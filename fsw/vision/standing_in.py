@@ -27,14 +27,6 @@ def forget_size(size: FloatArray) -> None:
 
 
 @kernel
-def extent_across(c: FloatArray, k: int, nx: float, ny: float) -> float:
-    """Extent of a cell of corners c (4, 2) from side k to the side across, along side k's outward normal."""
-    k1, k2, k3 = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4
-    x, y = c[k, 0] + c[k1, 0] - c[k2, 0] - c[k3, 0], c[k, 1] + c[k1, 1] - c[k2, 1] - c[k3, 1]
-    return 0.5 * (x * nx + y * ny)
-
-
-@kernel
 def add_size(
     size: FloatArray, row: int, expected_px: float, measured_px: float, noise_px2: float, sums: FloatArray
 ) -> None:
