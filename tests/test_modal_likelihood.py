@@ -7,12 +7,11 @@ from fsw.modal.pipeline import identify
 from fsw.modal.stationary_likelihood import (
     Band,
     band_of,
-    envelope_covariance,
     first_guess,
     most_likely,
-    scored,
     without,
 )
+from fsw.modal.stationary_model import envelope, inverse, likelihood, tangents
 from fsw.modal.stationary_posterior import posterior
 from sim.bench.modal_bounds import uncertainty_law
 from sim.bench.modal_records import AMBIENT, DAMPING, grid, pole, shapes, stationary
@@ -31,7 +30,7 @@ def dense(frequency_hz: float, decay_rate: float, duration_s: float) -> np.ndarr
 
 
 def of_envelope(frequency_hz: float, decay_rate: float, duration_s: float) -> np.ndarray:
-    d, a, b = envelope_covariance(BAND_HZ, np.array(frequency_hz), np.array(decay_rate), duration_s)
+    d, a, b = envelope(BAND_HZ, frequency_hz, decay_rate, duration_s, False)[0]
     return np.diag(d) - np.outer(a, a) + np.outer(b, b)
 
 
@@ -40,37 +39,69 @@ def test_covariance_of_an_envelope_is_that_of_its_correlation(decay_rate):
     assert np.allclose(of_envelope(1.03, decay_rate, 20.0), dense(1.03, decay_rate, 20.0), atol=5e-6)
 
 
-def noisy_band(seed: int, pieces: int = 2) -> Band:
+def noisy_band(seed: int, directions: int, pieces: int = 2) -> Band:
     rng = np.random.default_rng(seed)
-    shape = (pieces, len(BAND_HZ), 2)
+    shape = (pieces, len(BAND_HZ), directions)
     return Band(BAND_HZ, rng.standard_normal(shape) + 1j * rng.standard_normal(shape), 20.0)
 
 
-def test_likelihood_is_that_of_a_complex_normal_and_the_score_its_slope():
-    band = noisy_band(0)
-    f, a, v, noise = np.array([0.96, 1.04]), np.array([0.3, 0.1]), np.array([3.0, 2.0]), 0.5
-    angle = np.array([0.3, 1.2])
-
-    def at(step: np.ndarray):
-        turned = angle + step[[3, 7]]
-        directions = np.stack([np.cos(turned), np.sin(turned)])
-        grown = np.exp(step)
-        return scored(band, f + step[[0, 4]], a * grown[[1, 5]], v * grown[[2, 6]], directions, noise * grown[8])
-
-    group, score = at(np.zeros(9))
-    covariance = noise * np.eye(10)
-    for j in range(2):
-        outer = np.outer(group.shapes[:, j], group.shapes[:, j])
-        covariance = covariance + v[j] * np.kron(outer, of_envelope(f[j], a[j], 20.0))
-    y = band.coefficients.transpose(0, 2, 1).reshape(2, 10)
-    direct = -2 * np.linalg.slogdet(covariance)[1] - sum(
-        float((z.conj() @ np.linalg.solve(covariance, z)).real) for z in y
+def modes_of(seed: int, modes: int, directions: int) -> tuple[np.ndarray, ...]:
+    """Frequencies, decay rates, variances and unit shapes of modes in the band."""
+    rng = np.random.default_rng([seed, modes, directions])
+    form = rng.standard_normal((directions, modes))
+    return (
+        rng.uniform(0.95, 1.05, modes),
+        rng.uniform(0.1, 0.3, modes),
+        rng.uniform(1.0, 3.0, modes),
+        form / np.linalg.norm(form, axis=0),
     )
-    assert group.likelihood == pytest.approx(direct, rel=1e-9)
-    slope = [(at(e)[0].likelihood - at(-e)[0].likelihood) / 2e-5 for e in 1e-5 * np.eye(9)]
-    # A shape's tangent may point either way.
-    assert np.allclose(np.abs(score), np.abs(slope), rtol=1e-4, atol=1e-3)
-    assert np.allclose(np.delete(score, [3, 7]), np.delete(slope, [3, 7]), rtol=1e-4, atol=1e-3)
+
+
+def dense_model(steps: np.ndarray, f, a, v, form, noise) -> np.ndarray:
+    """Covariance of the band's coefficients, direction by direction, after steps in all unknowns."""
+    q, m = form.shape
+    covariance = noise * np.exp(steps[-1]) * np.eye(q * len(BAND_HZ))
+    for j, step in enumerate(steps[:-1].reshape(m, q + 2)):
+        shape = form[:, j] + tangents(form[:, j]).T @ step[3:]
+        outer = v[j] * np.exp(step[2]) * np.outer(shape, shape) / (shape @ shape)
+        covariance = covariance + np.kron(outer, of_envelope(f[j] + step[0], a[j] * np.exp(step[1]), 20.0))
+    return covariance
+
+
+@pytest.mark.parametrize(("modes", "directions"), [(1, 1), (2, 1), (2, 2), (3, 3)])
+def test_likelihood_slopes_and_information_are_those_of_a_complex_normal(modes, directions):
+    band = noisy_band(0, directions)
+    model = (*modes_of(0, modes, directions), 0.5)
+    value, score, information = likelihood(BAND_HZ, band.coefficients, 20.0, *model)
+    y = band.coefficients.transpose(0, 2, 1).reshape(2, -1)
+
+    def direct(steps: np.ndarray) -> float:
+        covariance = dense_model(steps, *model)
+        squares = np.sum((y.conj() * np.linalg.solve(covariance, y.T).T).real)
+        return -2 * np.linalg.slogdet(covariance)[1] - squares
+
+    count = len(score)
+    assert count == modes * (directions + 2) + 1
+    assert value == pytest.approx(direct(np.zeros(count)), rel=1e-9)
+    steps = 1e-5 * np.eye(count)
+    assert np.allclose(score, [(direct(e) - direct(-e)) / 2e-5 for e in steps], rtol=1e-4, atol=1e-3)
+    weight = np.linalg.inv(dense_model(np.zeros(count), *model))
+    slopes = [weight @ (dense_model(e, *model) - dense_model(-e, *model)) / 2e-5 for e in steps]
+    expected = 2 * np.array([[np.trace(a @ b) for b in slopes] for a in slopes])
+    assert np.allclose(information, expected, rtol=1e-5, atol=1e-6 * np.max(expected))
+
+
+@pytest.mark.parametrize("shape", [[1.0], [0.6, -0.8], [0.0, 1.0, 0.0], [-0.36, 0.48, 0.8]])
+def test_tangents_are_orthonormal_and_at_right_angles_to_the_shape(shape):
+    both = np.vstack([shape, tangents(np.array(shape))])
+    assert np.allclose(both @ both.T, np.eye(len(shape)))
+
+
+def test_small_inverse_is_that_of_the_library():
+    A = np.array([[0.0, 2.0, 1.0], [1.0, 0.0, 3.0], [4.0, -1.0, 0.0]])
+    found, logarithm = inverse(A)
+    assert np.allclose(found, np.linalg.inv(A))
+    assert logarithm == pytest.approx(np.linalg.slogdet(A)[1])
 
 
 def close_pair(seed: int) -> tuple[Band, np.ndarray]:

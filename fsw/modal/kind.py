@@ -3,9 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.coordinates import even_grid
+from fsw.modal.coordinates import Coordinates, even_grid, octaves
+from fsw.modal.correlation import fixed_window
+from fsw.modal.decay import onset
+from fsw.modal.realisation import continuous, poles_of_order, realise
 from fsw.modal.refinement import Fit, project
 from fsw.modal.remainder import tallest
+from fsw.modal.result import Options
 
 FloatArray = NDArray[np.float64]
 
@@ -18,6 +22,35 @@ _LEFT_OVER = 0.1
 # this share of each frequency, so high over the median, and with this share left.
 _MANY_CYCLES, _WHOLE = 50.0, 0.95
 _ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
+# A record of many cycles of its tallest peak is looked at before it is fitted: exponentials in so many coordinates must
+# leave less than this share of the energy over the noise about the peak, within this share of its frequency.
+_GLANCE, _PLAINLY_RANDOM, _ABOUT = 4, 0.2, 0.1
+
+
+def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
+    """Whether a record is worth fitting as a free decay; False only of one whose tallest peak is plainly random."""
+    rate_hz, start = coordinates.rate_hz, onset(coordinates.time_s, coordinates.signals)
+    even = even_grid(coordinates.time_s[start:], coordinates.signals[start:], rate_hz)
+    power = np.abs(np.fft.rfft(even - even.mean(axis=0), axis=0)) ** 2
+    hz = float(np.fft.rfftfreq(len(even), 1.0 / rate_hz)[np.argmax(power.sum(axis=1))])
+    if hz * len(even) < _MANY_CYCLES * rate_hz:
+        return True
+    loud = np.argsort(-_about(even, rate_hz, hz), kind="stable")[:_GLANCE]
+    level = next(level for level in octaves(even[:, loud], rate_hz) if level.band_hz[0] <= hz)
+    rows = min(options.block_rows, len(level.signals) // 4)
+    system = realise(fixed_window(level.signals, 2 * rows), rows, rows, options.order)
+    s = continuous(poles_of_order(system, system.order).z, level.rate_hz)
+    s = np.minimum(s.real, 0.0) + 1j * s.imag
+    left = project(np.arange(len(level.signals)) / level.rate_hz, level.signals, s, 0)
+    before, after = (float(_about(y, level.rate_hz, hz).sum()) for y in (level.signals, left.residual))
+    return after < _PLAINLY_RANDOM * before
+
+
+def _about(signals: FloatArray, rate_hz: float, hz: float) -> FloatArray:
+    """Energy (p,) of signals (N, p) about a frequency, over that of noise like the median of their spectra."""
+    power = np.abs(np.fft.rfft(signals, axis=0)) ** 2
+    grid_hz = np.fft.rfftfreq(len(signals), 1.0 / rate_hz)
+    return np.sum(power[np.abs(grid_hz - hz) < _ABOUT * hz] - np.median(power, axis=0), axis=0)
 
 
 def convincing(

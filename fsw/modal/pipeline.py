@@ -15,6 +15,7 @@ from fsw.modal.decay import LEAST_SAMPLES
 from fsw.modal.forced import identify_forced
 from fsw.modal.free_modes import identify_decay
 from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
+from fsw.modal.kind import may_fall_freely
 from fsw.modal.paper import identify_as_paper
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
@@ -69,7 +70,7 @@ def identify(
     elif settings.method != "refined":
         modes, poles = identify_as_paper(coordinates, settings)
         decided = "decay" if kind == "decay" else "ambient"
-    elif kind != "ambient":
+    elif kind == "decay" or (kind == "auto" and may_fall_freely(coordinates, settings)):
         correlation = spectral if settings.correlation == "spectral" else fixed_window
         modes, poles, is_decay = identify_decay(coordinates, correlation, settings)
         decided = "decay" if kind == "decay" or is_decay else "ambient"

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.stationary_model import inverse, likelihood, tangents
+from wingbeat.kernels import kernel
+
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -24,8 +27,6 @@ _ROUNDS, _TRIALS, _ENOUGH = 14, 4, 1e-4
 _LOGARITHM, _TURN, _HALF_WIDTHS = 1.0, 0.5, 2.0
 # Bounds of a mode's decay over the record, as its logarithm, from a steady line to nothing that rings.
 _LEAST_DECAY, _MOST_DECAY = 0.03, 1e4
-# Step of the differences that give derivatives, as a share of the half-power width and of the decay rate.
-_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -79,21 +80,6 @@ def band_of(signals: FloatArray, rate_hz: float, low_hz: float, high_hz: float) 
     return Band(grid_hz[inside], np.fft.rfft(stacked, axis=1)[:, inside] / count, count / rate_hz)
 
 
-def envelope_covariance(
-    band_hz: FloatArray, frequency_hz: FloatArray, decay_rate: FloatArray, duration_s: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """d, a, b (..., K): the covariance of a unit envelope's Fourier coefficients is diag(d) - a a^T + b b^T.
-
-    frequency_hz, decay_rate (...). With p_k = (decay_rate + i (w_k - w)) T and c = exp((i w - decay_rate) T), the
-    double integral of exp(-decay_rate |t - s|) over the record is diag(2 Re 1 / p) - 2 Re((1 - c) (1 / p) (1 / p)^T).
-    """
-    decay = (decay_rate * duration_s)[..., None]
-    turn = 2j * np.pi * duration_s
-    p = decay + turn * (band_hz - frequency_hz[..., None])
-    ends = np.sqrt(2.0 * (1.0 - np.exp(turn * frequency_hz[..., None] - decay))) / p
-    return 2.0 * decay / np.abs(p) ** 2, ends.real, ends.imag
-
-
 def first_guess(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, shapes: FloatArray) -> Group:
     """A group with the band's power shared out along the shapes (q, m)."""
     shapes = shapes / np.maximum(np.linalg.norm(shapes, axis=0), 1e-9)
@@ -103,35 +89,21 @@ def first_guess(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, sh
     share = along.mean(axis=0).sum(axis=0)
     noise = float(np.quantile(power, 0.25)) + 1e-9 * total
     bounded = np.clip(decay_rate, _LEAST_DECAY / band.duration_s, _MOST_DECAY / band.duration_s)
-    return scored(band, frequency_hz, bounded, total * share / share.sum(), shapes, noise)[0]
+    return scored(band, frequency_hz, bounded, total * share / share.sum(), shapes, noise)
 
 
 def most_likely(band: Band, start: Group) -> Group:
     """The group that makes a band most likely, by Fisher scoring from a first guess."""
-    now, score = scored(band, start.frequency_hz, start.decay_rate, start.variance, start.shapes, start.noise)
-    caution = 1e-3
-    for _ in range(_ROUNDS):
-        before = now.likelihood
-        scale = np.sqrt(np.maximum(np.diag(now.information), 1e-12))
-        normal = now.information / np.outer(scale, scale)
-        for _ in range(_TRIALS):
-            step = np.linalg.solve(normal + caution * np.eye(len(scale)), score / scale) / scale
-            trial, its_score = _stepped(band, now, step)
-            if trial.likelihood > now.likelihood:
-                now, score = trial, its_score
-                caution *= 0.1
-                break
-            caution = max(10.0 * caution, 1e-2)
-        if now.likelihood - before < _ENOUGH:
-            break
-    return now
+    return Group(
+        *_search(*_arrays(band, start.frequency_hz, start.decay_rate, start.variance, start.shapes), start.noise)
+    )
 
 
 def without(group: Group, band: Band, left_out: int) -> Group:
     """The group that makes a band most likely with one of the modes left out."""
     keep = np.arange(len(group.frequency_hz)) != left_out
     variance, shapes = group.variance[keep], group.shapes[:, keep]
-    fewer, _ = scored(band, group.frequency_hz[keep], group.decay_rate[keep], variance, shapes, group.noise)
+    fewer = scored(band, group.frequency_hz[keep], group.decay_rate[keep], variance, shapes, group.noise)
     return most_likely(band, fewer)
 
 
@@ -142,61 +114,81 @@ def scored(
     variance: FloatArray,
     shapes: FloatArray,
     noise: float,
-) -> tuple[Group, FloatArray]:
-    """A group with its log likelihood and Fisher information, and the score."""
-    q = len(shapes)
-    size, pieces = len(band.frequency_hz) * q, len(band.coefficients)
-    y = band.coefficients.transpose(0, 2, 1).reshape(pieces, size).T
-    covariance = noise * np.eye(size)
-    slopes = []
-    for f, a, v, shape in zip(frequency_hz, decay_rate, variance, shapes.T, strict=True):
-        outer = v * np.outer(shape, shape)
-        C = _covariance(band, f, a)
-        h = _STEP * a
-        by_frequency = (_covariance(band, f + h, a) - _covariance(band, f - h, a)) / (2.0 * h)
-        by_decay = (_covariance(band, f, a + h) - _covariance(band, f, a - h)) / (2.0 * _STEP)
-        own = np.kron(outer, C)
-        covariance += own
-        slopes += [np.kron(outer, by_frequency), np.kron(outer, by_decay), own]
-        slopes += [v * np.kron(np.outer(shape, e) + np.outer(e, shape), C) for e in _tangents(shape).T]
-    slopes.append(noise * np.eye(size))
-    root = np.linalg.cholesky(covariance)
-    inverse = np.linalg.inv(covariance)
-    weighed = inverse @ y
-    pulls = np.array([float(np.sum(weighed.conj() * (slope @ weighed)).real) for slope in slopes])
-    turned = np.stack([inverse @ slope for slope in slopes])
-    score = pulls - pieces * np.trace(turned, axis1=1, axis2=2)
-    rows = turned.reshape(len(slopes), -1)
-    information = pieces * rows @ turned.transpose(0, 2, 1).reshape(len(slopes), -1).T
-    square = float(np.sum(y.conj() * weighed).real)
-    likelihood = -2.0 * pieces * float(np.sum(np.log(np.diag(root)))) - square
-    return Group(frequency_hz, decay_rate, variance, shapes, noise, likelihood, information), score
+) -> Group:
+    """A group with its log likelihood and Fisher information."""
+    now, _, information = likelihood(*_arrays(band, frequency_hz, decay_rate, variance, shapes), noise)
+    return Group(frequency_hz, decay_rate, variance, shapes, noise, now, information)
 
 
-def _covariance(band: Band, frequency_hz: float, decay_rate: float) -> FloatArray:
-    d, a, b = envelope_covariance(band.frequency_hz, np.array(frequency_hz), np.array(decay_rate), band.duration_s)
-    return np.diag(d) - np.outer(a, a) + np.outer(b, b)
+def _arrays(
+    band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, variance: FloatArray, shapes: FloatArray
+) -> tuple[FloatArray, ComplexArray, float, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """A band and modes in it as the kernels take them: each array in one piece, for which they are compiled once."""
+    y = np.ascontiguousarray(band.coefficients)
+    f, a, v, unit = (np.ascontiguousarray(values) for values in (frequency_hz, decay_rate, variance, shapes))
+    return np.ascontiguousarray(band.frequency_hz), y, band.duration_s, f, a, v, unit
 
 
-def _tangents(shape: FloatArray) -> FloatArray:
-    """Orthonormal directions (q, q - 1) in which a unit shape (q,) can turn."""
-    return np.linalg.svd(shape[None])[2][1:].T
+@kernel
+def _search(
+    band_hz: FloatArray,
+    y: ComplexArray,
+    duration_s: float,
+    frequency_hz: FloatArray,
+    decay_rate: FloatArray,
+    variance: FloatArray,
+    shapes: FloatArray,
+    noise: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, FloatArray]:
+    """The modes, noise, log likelihood and information where Fisher scoring from a first guess arrives."""
+    f, a, v, unit = frequency_hz, decay_rate, variance, shapes
+    now, score, information = likelihood(band_hz, y, duration_s, f, a, v, unit, noise)
+    caution = 1e-3
+    for _ in range(_ROUNDS):
+        before = now
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+        for _ in range(_TRIALS):
+            normal = information / np.outer(scale, scale)
+            for i in range(len(scale)):
+                normal[i, i] += caution
+            step = np.sum(inverse(normal)[0] * (score / scale), axis=1) / scale
+            its_f, its_a, its_v, its_unit, its_noise = _stepped(step, duration_s, f, a, v, unit, noise)
+            its_now, its_score, its_information = likelihood(
+                band_hz, y, duration_s, its_f, its_a, its_v, its_unit, its_noise
+            )
+            if its_now > now:
+                f, a, v, unit, noise = its_f, its_a, its_v, its_unit, its_noise
+                now, score, information = its_now, its_score, its_information
+                caution *= 0.1
+                break
+            caution = max(10.0 * caution, 1e-2)
+        if now - before < _ENOUGH:
+            break
+    return f, a, v, unit, noise, now, information
 
 
-def _stepped(band: Band, group: Group, step: FloatArray) -> tuple[Group, FloatArray]:
-    """The group after a step in its unknowns, none of them longer than is safe."""
-    q, m = group.shapes.shape
-    own = step[:-1].reshape(m, q + 2)
-    T = band.duration_s
-    widest = _HALF_WIDTHS * np.maximum(group.decay_rate, 0.2 / T) / (2.0 * np.pi)
-    grown = np.exp(np.clip(own[:, 1:3], -_LOGARITHM, _LOGARITHM))
-    turns = np.clip(own[:, 3:], -_TURN, _TURN)
-    shapes = group.shapes + np.stack([_tangents(group.shapes[:, j]) @ turns[j] for j in range(m)], axis=1)
-    return scored(
-        band,
-        group.frequency_hz + np.clip(own[:, 0], -widest, widest),
-        np.clip(group.decay_rate * grown[:, 0], _LEAST_DECAY / T, _MOST_DECAY / T),
-        group.variance * grown[:, 1],
-        shapes / np.linalg.norm(shapes, axis=0),
-        group.noise * float(np.exp(np.clip(step[-1], -_LOGARITHM, _LOGARITHM))),
-    )
+@kernel
+def _stepped(
+    step: FloatArray,
+    duration_s: float,
+    frequency_hz: FloatArray,
+    decay_rate: FloatArray,
+    variance: FloatArray,
+    shapes: FloatArray,
+    noise: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
+    """The modes and the noise after a step in the unknowns, none of it longer than is safe."""
+    f, a, v, unit = frequency_hz.copy(), decay_rate.copy(), variance.copy(), shapes.copy()
+    own = len(shapes) + 2
+    for j in range(len(f)):
+        first = j * own
+        widest = _HALF_WIDTHS * max(a[j], 0.2 / duration_s) / (2.0 * np.pi)
+        f[j] += min(max(step[first], -widest), widest)
+        grown = a[j] * np.exp(min(max(step[first + 1], -_LOGARITHM), _LOGARITHM))
+        a[j] = min(max(grown, _LEAST_DECAY / duration_s), _MOST_DECAY / duration_s)
+        v[j] *= np.exp(min(max(step[first + 2], -_LOGARITHM), _LOGARITHM))
+        turns = tangents(shapes[:, j].copy())
+        for t in range(own - 3):
+            unit[:, j] += min(max(step[first + 3 + t], -_TURN), _TURN) * turns[t]
+        unit[:, j] /= np.sqrt(np.sum(unit[:, j] ** 2))
+    return f, a, v, unit, noise * np.exp(min(max(step[-1], -_LOGARITHM), _LOGARITHM))

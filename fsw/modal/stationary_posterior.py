@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.stationary_likelihood import Band, Group, envelope_covariance, scored
+from fsw.modal.stationary_likelihood import Band, Group, scored
+from fsw.modal.stationary_model import envelope
 from fsw.modal.uncertainty import au_law
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -43,9 +45,9 @@ def posterior(band: Band, group: Group, mode: int, filtered: FloatArray) -> Esti
     own = Band(band.frequency_hz, band.coefficients @ filtered[:, None], band.duration_s)
     one = slice(mode, mode + 1)
     noise = group.noise * float(filtered @ filtered)
-    alone, _ = scored(own, group.frequency_hz[one], group.decay_rate[one], group.variance[one], np.ones((1, 1)), noise)
+    alone = scored(own, group.frequency_hz[one], group.decay_rate[one], group.variance[one], np.ones((1, 1)), noise)
     f, decay, ratio = _grid(own, alone)
-    likelihood = _likelihood(own, *np.meshgrid(f, decay, ratio, indexing="ij"))
+    likelihood = _likelihood(own, f, decay, ratio)
     top = float(np.max(likelihood))
     # The grid is even in ln a: a density a^-1/2 weighs as a^1/2.
     weight = np.sum(np.exp(likelihood - top), axis=2) * decay**0.5
@@ -86,7 +88,7 @@ def _line(band: Band, frequency_hz: float) -> float:
     top = -np.inf
     for _ in range(_ZOOMS):
         near_hz = centre_hz + reach_hz * np.linspace(-1.0, 1.0, 21)
-        likelihood = _likelihood(band, *np.meshgrid(near_hz, slow, _LINE_NOISE, indexing="ij"))
+        likelihood = _likelihood(band, near_hz, slow, _LINE_NOISE)
         top = float(np.max(likelihood))
         centre_hz = float(near_hz[np.unravel_index(np.argmax(likelihood), likelihood.shape)[0]])
         reach_hz *= _ZOOM
@@ -94,31 +96,55 @@ def _line(band: Band, frequency_hz: float) -> float:
 
 
 def _likelihood(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Log likelihood (...) of a band of one signal, up to a constant; its scale integrated out."""
-    y = band.coefficients[:, :, 0]
-    determinant, squares = weighed(band.frequency_hz, y, band.duration_s, frequency_hz, decay_rate, ratio)
-    return -len(y) * determinant - y.size * np.log(squares.sum(axis=-1))
+    """Log likelihood (F, D, N) of a band of one signal, up to a constant, at frequencies (F,), decay rates (D,) and
+    ratios (N,) of noise to the mode; its scale integrated out.
+    """
+    y = np.ascontiguousarray(band.coefficients[:, :, 0])
+    return _on_grid(np.ascontiguousarray(band.frequency_hz), y, band.duration_s, frequency_hz, decay_rate, ratio)
 
 
-def weighed(
+@kernel
+def _on_grid(
     band_hz: FloatArray,
     y: ComplexArray,
     duration_s: float,
     frequency_hz: FloatArray,
     decay_rate: FloatArray,
     ratio: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Logarithm (...) of the determinant of a mode's covariance, and the squares (..., n) of series weighed with it.
-
-    band_hz (K,); y (n, K): Fourier coefficients; frequency_hz, decay_rate, ratio of noise to the mode (...).
-    """
-    d, a, b = envelope_covariance(band_hz, frequency_hz, decay_rate, duration_s)
-    weight = 1.0 / (d + ratio[..., None])
-    # Woodbury's identity for the two ranks - a a^T + b b^T.
-    aa, bb, ab = np.sum(a * a * weight, -1) - 1.0, np.sum(b * b * weight, -1) + 1.0, np.sum(a * b * weight, -1)
-    determinant = aa * bb - ab**2
-    ya, yb = (a * weight) @ y.T, (b * weight) @ y.T
-    products = [(u * v.conj()).real for u, v in ((ya, ya), (ya, yb), (yb, yb))]
-    cross = products[0] * bb[..., None] - 2.0 * products[1] * ab[..., None] + products[2] * aa[..., None]
-    squares = weight @ (np.abs(y) ** 2).T - cross / determinant[..., None]
-    return np.log(-determinant) - np.sum(np.log(weight), -1), squares
+) -> FloatArray:
+    """The same of coefficients y (n, K) at band_hz (K,), by Woodbury's identity for the two ranks - a a^T + b b^T."""
+    pieces, count = y.shape
+    power = np.zeros(count)
+    for piece in range(pieces):
+        for k in range(count):
+            power[k] += y[piece, k].real ** 2 + y[piece, k].imag ** 2
+    values = np.empty((len(frequency_hz), len(decay_rate), len(ratio)))
+    for i in range(len(frequency_hz)):
+        for j in range(len(decay_rate)):
+            d, a, b = envelope(band_hz, frequency_hz[i], decay_rate[j], duration_s, False)[0]
+            for n in range(len(ratio)):
+                aa, bb, ab, square = -1.0, 1.0, 0.0, 0.0
+                logarithm, product = 0.0, 1.0
+                for k in range(count):
+                    weight = 1.0 / (d[k] + ratio[n])
+                    square += power[k] * weight
+                    aa += a[k] * a[k] * weight
+                    bb += b[k] * b[k] * weight
+                    ab += a[k] * b[k] * weight
+                    product *= weight
+                    if product < 1e-150 or product > 1e150:  # a logarithm costs more than all the rest
+                        logarithm += np.log(product)
+                        product = 1.0
+                logarithm += np.log(product)
+                determinant = aa * bb - ab * ab
+                for piece in range(pieces):
+                    ya, yb = 0.0j, 0.0j
+                    for k in range(count):
+                        weight = 1.0 / (d[k] + ratio[n])
+                        ya += a[k] * weight * y[piece, k]
+                        yb += b[k] * weight * y[piece, k]
+                    cross = (ya.real**2 + ya.imag**2) * bb + (yb.real**2 + yb.imag**2) * aa
+                    cross -= 2.0 * (ya.real * yb.real + ya.imag * yb.imag) * ab
+                    square -= cross / determinant
+                values[i, j, n] = -pieces * (np.log(-determinant) - logarithm) - pieces * count * np.log(square)
+    return values
