@@ -93,6 +93,8 @@ def _record_sentence(modes: Mapping[str, Any]) -> str:
     sentence = f"From {record['samples']} samples in {record['duration_s']:.2f} s"
     if record["rate_hz"]:
         sentence += f" at {record['rate_hz']:.4g} Hz"
+    if record.get("begin_s"):
+        sentence += f", cut out from {record['begin_s']:.2f} s on"
     if estimate is not None:
         sentence += f", up to tick {estimate['tick']}"
     if not modes["modes"]:

@@ -1,16 +1,24 @@
 """Where a record breaks, and what a gap in a part of the channels does: nothing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fsw.channels import read_channels
 from fsw.modal.breaks import last_break
 from fsw.modal.pipeline import identify
+from fsw.modal.result import ModalResult
 from fsw.tasks.identify import UNCONFIRMED, cells_to_use, confirmed, pole_of
+from sim.bench.modal_broken import BREAKS, Broken, broken
+from sim.bench.modal_records import DAMPING as SAME_DAMPING
+from sim.bench.modal_records import flight, moving, published
 
 FloatArray = NDArray[np.float64]
+RECORDS = Path(__file__).parents[2] / "shared" / "data" / "records"
 RATE_HZ = 15.0
 HZ, DAMPING = np.array([0.7146, 4.427, 5.806]), np.array([0.006, 0.008, 0.009])
 OMEGA = 2.0 * np.pi * HZ
@@ -107,3 +115,71 @@ def test_cells_hidden_for_long_are_left_out_while_enough_were_not() -> None:
     assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5]
     measured[50:66, 3:] = False  # only two of nine are whole
     assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5, 6, 7, 8, 9]
+
+
+def misleads(record: Broken, found: ModalResult) -> bool:
+    """Whether a valid mode is off by more than 4 of its sigmas, and more than matters."""
+    for mode in found.valid_modes:
+        hz = record.frequency_hz[np.argmin(np.abs(record.frequency_hz - mode.frequency_hz))]
+        off_hz, off = abs(mode.frequency_hz - hz), abs(mode.damping_ratio - SAME_DAMPING)
+        if off_hz > max(4.0 * mode.frequency_sigma_hz, 5e-4 * hz) or off > 4.0 * mode.damping_ratio_sigma:
+            return True
+    return False
+
+
+@pytest.mark.requirement("WB-MOD-10")
+@pytest.mark.parametrize("kind", BREAKS)
+def test_a_decay_that_breaks_is_cut_and_gives_modes_that_are_right(kind: str) -> None:
+    whole = 0
+    for seed in range(8):
+        record = broken(kind, "decay", seed)
+        found = identify(record.time_s, record.y)
+        assert not misleads(record, found), seed
+        if "cut_at_break" in found.flags:
+            begin_s, end_s = found.record.begin_s, found.record.begin_s + found.record.duration_s
+            assert end_s < record.break_s or begin_s >= record.break_s - 0.05
+            whole += len(found.valid_modes) == len(record.frequency_hz)
+    assert whole >= 6
+
+
+@pytest.mark.requirement("WB-MOD-10")
+@pytest.mark.parametrize("kind", BREAKS)
+def test_a_response_to_noise_that_breaks_does_not_mislead(kind: str) -> None:
+    for seed in range(3):
+        record = broken(kind, "ambient", seed)
+        assert not misleads(record, identify(record.time_s, record.y)), seed
+
+
+@pytest.mark.requirement("WB-MOD-10")
+def test_records_that_do_not_break_are_not_cut() -> None:
+    draw = np.random.default_rng(1)
+    records = [
+        (r.time_s, r.noisy)
+        for case in ("D1", "D2", "D3", "D4")
+        for change in (
+            lambda t: t,
+            lambda t: t[draw.random(len(t)) > 0.1],
+            lambda t: t + draw.uniform(0.0, 0.02, len(t)),
+        )
+        for r in (published(case, 5, change),)
+    ]
+    records += [(r.time_s, r.y) for seed in range(6) for r in (broken("none", ("decay", "ambient")[seed % 2], seed),)]
+    records += [flight(450, 1), flight(450, 2, echo=6e-3), moving("A1", 1, -0.03)]
+    if RECORDS.is_dir():
+        records += [
+            (c.time_s, c.y) for c in (read_channels(RECORDS / f"{name}.npz") for name in ("slab", "shear_frame"))
+        ]
+    for time_s, y in records:
+        found = identify(time_s, y)
+        assert "cut_at_break" not in found.flags and found.record.begin_s == 0.0
+
+
+@pytest.mark.requirement("WB-MOD-10")
+def test_of_two_blows_the_piece_that_tells_most_is_used() -> None:
+    time_s = np.arange(900) / RATE_HZ
+    y = motion(time_s, 10.0, 20.0, 4) + motion(time_s, 50.0, 20.0, 4)
+    found = identify(time_s, y)
+    assert "cut_at_break" in found.flags and len(found.valid_modes) == 3
+    assert 9.9 < found.record.begin_s < 12.0 and 36.0 < found.record.duration_s < 40.1
+    for mode, hz in zip(found.valid_modes, HZ, strict=True):
+        assert abs(mode.frequency_hz - hz) < max(4.0 * mode.frequency_sigma_hz, 5e-4 * hz)

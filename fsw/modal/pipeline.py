@@ -17,6 +17,7 @@ from fsw.modal.free_modes import identify_decay
 from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
 from fsw.modal.kind import may_fall_freely
 from fsw.modal.paper import identify_as_paper
+from fsw.modal.pieces import telling_piece
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
 from fsw.modal.subspace import Subspace
@@ -46,14 +47,23 @@ def identify(
     time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
     decay, the stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were
     measured, such as wheel torque; the modes are then those of the plant alone. overwrite: y (contiguous) may be used
-    up, which saves memory. y in single precision stays so. known: what an identification of a record that overlaps with
-    this one gave, which saves time. Deterministic. Raises InputError for arrays that do not fit.
+    up, which saves memory; its breaks were found by what was known before. Else, and without u, a record that breaks is
+    cut: the modes, its extent and the flag cut_at_break are those of the piece that tells most. y in single precision
+    stays so. known: what an identification of a record that overlaps with this one gave, which saves time.
+    Deterministic. Raises InputError for arrays that do not fit.
     Source: section 5 of the paper (Eq. 31-41), refined by maximum likelihood.
     """
     settings = options or Options()
     time_s, y = _checked(time_s, y)
     most = max(min(settings.coordinates, len(time_s) // _SAMPLES_OF_A_COORDINATE), 1)
     coordinates = principal_coordinates(time_s, y, most, overwrite, known)
+    piece = telling_piece(coordinates) if u is None and not overwrite else None
+    if piece is not None:
+        first = int(np.argmax(coordinates.kept))
+        begin, end = np.searchsorted(time_s, time_s[first] + piece)
+        cut = identify(time_s[begin:end], y[begin:end], kind, settings)
+        begin_s = float(time_s[begin] - time_s[0]) + cut.record.begin_s
+        return replace(cut, flags=sorted({*cut.flags, "cut_at_break"}), record=replace(cut.record, begin_s=begin_s))
     count = len(coordinates.time_s)
     if count < LEAST_SAMPLES or coordinates.signals.shape[1] == 0:
         extent = float(time_s[-1] - time_s[0])

@@ -59,11 +59,12 @@ class Mode:
 
 @dataclass(frozen=True)
 class Record:
-    """Extent of a record: duration, samples used, nominal rate."""
+    """Extent of a record: duration, samples used, nominal rate; begin_s: after the first sample, where it was cut."""
 
     duration_s: float
     samples: int
     rate_hz: float
+    begin_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,7 @@ def to_contract(result: ModalResult) -> dict[str, Any]:
             "duration_s": result.record.duration_s,
             "samples": result.record.samples,
             "rate_hz": result.record.rate_hz,
+            "begin_s": result.record.begin_s,
         },
         "kind": result.kind,
     }

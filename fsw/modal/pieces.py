@@ -1,0 +1,82 @@
+"""A record that breaks: the piece of it that tells most of its modes.
+
+Nothing is known beforehand here: an autoregressive model of the record itself predicts each sample from the few before
+it, whatever the amplitudes are, before and after a break alike. At the break, and there alone, the prediction fails.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from fsw.modal.coordinates import Coordinates, even_grid
+
+FloatArray = NDArray[np.float64]
+
+# Loudest coordinates that are predicted, from so many samples before, or so many numbers if they are fewer.
+_COORDINATES, _LAGS, _NUMBERS = 4, 8, 32
+# Predictions for each unknown of the model, at least.
+_ROWS_OF_AN_UNKNOWN = 3
+# Rounds of finding the errors' covariance, each without the largest tenth. It is never finer than rounding of so much.
+_ROUNDS, _REGULAR, _ROUNDING = 3, 0.9, 1e-6
+# The energy of so many errors in a row is no noise's if it is so many times what noise exceeds with this chance.
+_TOGETHER, _MARGIN, _CHANCE = 4, 1.2, 1e-12
+# A motion that is disturbed more often is driven by it: there is nothing to cut.
+_MOST_BREAKS = 3
+
+
+def telling_piece(coordinates: Coordinates) -> tuple[float, float] | None:
+    """Begin and end of the piece between breaks that tells most of the modes; None if there is no break.
+
+    In s on the coordinates' time, half a period away from the samples.
+    """
+    time_s, rate_hz = coordinates.time_s, coordinates.rate_hz
+    width = min(coordinates.signals.shape[1], _COORDINATES)
+    lags = max(_LAGS, _NUMBERS // max(width, 1))
+    least = _ROWS_OF_AN_UNKNOWN * (lags * width + 1)
+    if width == 0 or len(time_s) < lags + least:
+        return None
+    loud = np.argsort(-np.var(coordinates.signals, axis=0), kind="stable")[:width]
+    grid = even_grid(time_s, coordinates.signals[:, np.sort(loud)], rate_hz)
+    judged = lags + np.flatnonzero(_whole_windows(time_s, rate_hz, len(grid), lags))
+    if len(judged) < least:
+        return None
+    failed = judged[_unpredicted(grid, judged, lags)]
+    breaks = [stretch for stretch in np.split(failed, np.flatnonzero(np.diff(failed) > lags) + 1) if len(stretch)]
+    if not 1 <= len(breaks) <= _MOST_BREAKS:
+        return None
+    # A small break may show some samples late, but no later than it is among those that are looked at together.
+    edges = [0, *(edge for stretch in breaks for edge in (stretch[0] - lags - _TOGETHER, stretch[-1] + 1)), len(grid)]
+    pieces = [(a, b) for a, b in zip(edges[0::2], edges[1::2], strict=True) if b > a]
+    begin, end = max(pieces, key=lambda piece: _telling(grid[slice(*piece)]))
+    return (begin - 0.5) / rate_hz, (end - 0.5) / rate_hz
+
+
+def _telling(signals: FloatArray) -> float:
+    """How much a piece (T, p) tells of a frequency: Fisher's information grows with energy and duration squared."""
+    return float(np.sum(np.var(signals, axis=0))) * len(signals) ** 3
+
+
+def _whole_windows(time_s: FloatArray, rate_hz: float, count: int, lags: int) -> NDArray[np.bool_]:
+    """Which samples of the even grid, from the lags-th on (count - lags,), were measured together with those before."""
+    nearest = np.rint((time_s - time_s[0]) * rate_hz).astype(np.int64)
+    measured = np.zeros(count, np.bool_)
+    measured[np.clip(nearest, 0, count - 1)] = True
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(measured, lags + 1).all(axis=1))
+
+
+def _unpredicted(signals: FloatArray, judged: NDArray[np.int64], lags: int) -> NDArray[np.bool_]:
+    """Which of the samples judged (k,), of signals (T, p), the model fails to predict, together with those before."""
+    windows = np.lib.stride_tricks.sliding_window_view(signals, lags, axis=0)[judged - lags]
+    now = signals[judged]
+    Q, _ = np.linalg.qr(np.hstack([windows.reshape(len(now), -1), np.ones((len(now), 1))]))
+    errors = now - Q @ (Q.T @ now)
+    width = signals.shape[1]
+    least = (_ROUNDING**2) * float(np.max(np.var(signals, axis=0))) + 1e-300
+    regular = np.ones(len(errors), np.bool_)
+    for _ in range(_ROUNDS):
+        covariance = errors[regular].T @ errors[regular] / np.count_nonzero(regular) + least * np.eye(width)
+        squares = np.sum(errors * np.linalg.solve(covariance, errors.T).T, axis=1)
+        regular = squares <= np.quantile(squares, _REGULAR)
+    unit = float(np.median(squares)) / float(chi2.ppf(0.5, width))
+    energy = np.convolve(squares, np.ones(_TOGETHER))[: len(squares)]
+    return energy > _MARGIN * unit * float(chi2.isf(_CHANCE, _TOGETHER * width))
