@@ -155,7 +155,8 @@ def _asked(group: Group, mode: int) -> float:
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     q, m = group.shapes.shape
     if m <= q:
-        return posterior(band, group, mode, np.linalg.pinv(group.shapes, rcond=_FLAT)[mode])
+        weights = np.linalg.pinv(group.shapes, rcond=_FLAT)[mode]
+        return posterior(band, group, mode, weights / float(weights @ group.shapes[:, mode]))
     # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, and whether one is
     # a line is left to what a line explains.
     sigma, rate = group.sigmas[mode], float(group.decay_rate[mode])
