@@ -8,8 +8,10 @@ import scipy.signal
 
 from fsw.channels import read_channels
 from fsw.modal.ambient import expected_peak
+from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.pipeline import identify
 from fsw.modal.stationary_drift import CHANGES, drift_profile, moves
+from fsw.modal.stationary_modes import modal_filter
 from fsw.modal.uncertainty import au_law
 from sim.bench.modal_records import DAMPING, moving, stationary
 
@@ -120,3 +122,18 @@ def test_the_forced_lines_of_the_frame_are_not_valid_modes(kind):
     channels = read_channels(RECORDS / "shear_frame.npz")
     valid = identify(channels.time_s, channels.y, kind).valid_modes
     assert not any(abs(m.frequency_hz - line) < 0.05 for m in valid for line in (0.275, 0.55))
+
+
+def candidate(frequency_hz: float, shape: list[float]) -> Candidate:
+    s = 2j * np.pi * frequency_hz
+    return Candidate(Pole(2, s, np.array(shape, np.complex128), 1.0, 1.0, True), 3, frequency_hz, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("neighbours", [[[0.8, 0.6]], [[0.0, 1.0]], [[0.8, 0.6], [0.8, 0.61], [0.0, 1.0]]])
+def test_a_mode_passes_whole_whatever_its_neighbours_shapes_are(neighbours):
+    own = candidate(1.0, [0.8, 0.6])
+    near = [candidate(1.05, shape) for shape in neighbours]
+    weights = modal_filter(own, [own, *near])
+    assert weights @ [0.8, 0.6] == pytest.approx(1.0)
+    if len(near) == 1 and neighbours[0][0] == 0.0:
+        assert weights @ [0.0, 1.0] == pytest.approx(0.0, abs=1e-12)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from fsw.modal.channels import Scaled, amplitude_spectrum, chosen, power
 from fsw.modal.gaps import fill_in_time, fill_through
 from fsw.modal.pipeline import identify
-from fsw.modal.realisation import BlockHankel, block_hankel
 from sim.bench.modal_on_board import kept
 from sim.bench.modal_records import ON_BOARD, flight, free_decay
 
@@ -71,11 +70,6 @@ def test_products_by_blocks_are_those_of_the_whole(ticks, width, seed):
     scaled = Scaled(y, scale)
     assert np.allclose(scaled.times(V), y / scale @ V) and np.allclose(scaled.transposed_times(Q), (y / scale).T @ Q)
     assert np.allclose(scaled.dense(), y / scale) and np.allclose(power(y), np.sum(y**2, axis=0))
-    h = rng.standard_normal((9, 2, 3))
-    H, dense = BlockHankel(h, 4, 5), block_hankel(h, 4, 5)
-    V, Q = rng.standard_normal((15, 2)), rng.standard_normal((8, 2))
-    assert np.allclose(H.times(V), dense @ V) and np.allclose(H.transposed_times(Q), dense.T @ Q)
-    assert np.array_equal(H.dense(), dense)
 
 
 def test_the_spectrum_shows_a_sine_at_its_amplitude():

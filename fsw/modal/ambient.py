@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.uncertainty import turning
+
 FloatArray = NDArray[np.float64]
 
 # Rounds of fitting variance and floor, weighted by the model of the round before.
@@ -98,6 +100,6 @@ def _line_variance(signal: FloatArray, rate_hz: float, centre_hz: float) -> floa
     """Variance of the best steady sinusoid within a bin of a frequency."""
     count = len(signal)
     time_s = np.arange(count) / rate_hz
-    near_hz = centre_hz + np.linspace(-1.0, 1.0, 17) * rate_hz / count
-    lines = np.abs(np.exp(-2j * np.pi * near_hz[:, None] * time_s) @ signal) ** 2
+    bin_hz = rate_hz / count
+    lines = np.sum((turning(time_s, centre_hz - bin_hz, 0.125 * bin_hz, 17) @ signal) ** 2, axis=0)
     return float(2.0 * np.max(lines) / count**2)

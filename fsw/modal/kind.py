@@ -31,26 +31,33 @@ def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     """Whether a record is worth fitting as a free decay; False only of one whose tallest peak is plainly random."""
     rate_hz, start = coordinates.rate_hz, onset(coordinates.time_s, coordinates.signals)
     even = even_grid(coordinates.time_s[start:], coordinates.signals[start:], rate_hz)
-    power = np.abs(np.fft.rfft(even - even.mean(axis=0), axis=0)) ** 2
-    hz = float(np.fft.rfftfreq(len(even), 1.0 / rate_hz)[np.argmax(power.sum(axis=1))])
-    if hz * len(even) < _MANY_CYCLES * rate_hz:
+    power = _spectrum(even - even.mean(axis=0))
+    cycles = int(np.argmax(power.sum(axis=1)))
+    if cycles < _MANY_CYCLES:
         return True
-    loud = np.argsort(-_about(even, rate_hz, hz), kind="stable")[:_GLANCE]
+    hz = cycles * rate_hz / len(even)
+    loud = np.argsort(-_about(power, cycles), kind="stable")[:_GLANCE]
     level = next(level for level in octaves(even[:, loud], rate_hz) if level.band_hz[0] <= hz)
     rows = min(options.block_rows, len(level.signals) // 4)
     system = realise(fixed_window(level.signals, 2 * rows), rows, rows, options.order)
     s = continuous(poles_of_order(system, system.order).z, level.rate_hz)
     s = np.minimum(s.real, 0.0) + 1j * s.imag
     left = project(np.arange(len(level.signals)) / level.rate_hz, level.signals, s, 0)
-    before, after = (float(_about(y, level.rate_hz, hz).sum()) for y in (level.signals, left.residual))
+    there = hz * len(level.signals) / level.rate_hz
+    before, after = (float(_about(_spectrum(y), there).sum()) for y in (level.signals, left.residual))
     return after < _PLAINLY_RANDOM * before
 
 
-def _about(signals: FloatArray, rate_hz: float, hz: float) -> FloatArray:
-    """Energy (p,) of signals (N, p) about a frequency, over that of noise like the median of their spectra."""
-    power = np.abs(np.fft.rfft(signals, axis=0)) ** 2
-    grid_hz = np.fft.rfftfreq(len(signals), 1.0 / rate_hz)
-    return np.sum(power[np.abs(grid_hz - hz) < _ABOUT * hz] - np.median(power, axis=0), axis=0)
+def _spectrum(signals: FloatArray) -> FloatArray:
+    """Power (K, p) of signals (N, p)."""
+    X = np.fft.rfft(np.ascontiguousarray(signals.T))
+    return (X.real**2 + X.imag**2).T
+
+
+def _about(power: FloatArray, cycles: float) -> FloatArray:
+    """Energy (p,) about so many cycles in spectra (K, p), over that of noise like their median."""
+    low, high = int(np.ceil((1.0 - _ABOUT) * cycles)), int((1.0 + _ABOUT) * cycles) + 1
+    return np.sum(power[low:high] - np.median(power, axis=0), axis=0)
 
 
 def convincing(

@@ -56,46 +56,16 @@ def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> Floa
     return h[index].transpose(0, 2, 1, 3).reshape(rows * p, columns * m)
 
 
-class BlockHankel:
-    """The same matrix, met through its products: its block rows and columns are pieces of the series."""
-
-    def __init__(self, h: FloatArray, rows: int, columns: int) -> None:
-        _, self._p, self._m = h.shape
-        self._rows, self._columns, self._h = rows, columns, h
-        self._series = h.transpose(1, 0, 2).reshape(self._p, -1)
-        self._transposed = h.transpose(2, 0, 1).reshape(self._m, -1)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(rows p, columns m)."""
-        return self._rows * self._p, self._columns * self._m
-
-    def times(self, V: FloatArray) -> FloatArray:
-        """Its product with V (columns m, k)."""
-        width = self._columns * self._m
-        return np.vstack([self._series[:, i * self._m : i * self._m + width] @ V for i in range(self._rows)])
-
-    def transposed_times(self, Q: FloatArray) -> FloatArray:
-        """The product of its transpose with Q (rows p, k)."""
-        width = self._rows * self._p
-        return np.vstack([self._transposed[:, j * self._p : j * self._p + width] @ Q for j in range(self._columns)])
-
-    def dense(self) -> FloatArray:
-        """The whole matrix."""
-        return block_hankel(self._h, self._rows, self._columns)
-
-
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     """Balanced realisation of a series by the eigensystem realisation algorithm.
 
     h (K, p, m) with K >= rows + columns. The order is cut to the numerical rank of H(0). Source: Eq. 34-36.
     """
     _, p, m = h.shape
-    H = BlockHankel(h, rows, columns)
-    U, s, Vt = leading_singular(H, order)
+    U, s, Vt = leading_singular(Dense(block_hankel(h, rows, columns)), order)
     n, root = _cut(s, order)
     left, right = U[:, :n] / root, Vt[:n].T / root
-    A = left.T @ BlockHankel(h[1:], rows, columns).times(right)
+    A = left.T @ block_hankel(h, rows, columns, 1) @ right
     controllability = Vt[:n] * root[:, None]
     return Realisation(A, controllability[:, :m].copy(), U[:p, :n] * root, controllability)
 

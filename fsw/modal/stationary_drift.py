@@ -52,49 +52,49 @@ def drift_profile(
     y = np.fft.fft(envelope * turns, axis=1)[:, : len(wide)][:, inside]
     near_hz = frequency_hz + np.linspace(-_WIDTHS, _WIDTHS, _FREQUENCIES) * width_hz
     decay_rate = 2.0 * np.pi * frequency_hz * damping_ratio * np.geomspace(_SLOWEST, _FASTEST, _DECAYS)
-    weight, ends, scale = _weights(
-        np.ascontiguousarray(wide_hz[inside]), near_hz, decay_rate, noise * _NOISES, duration_s
-    )
-    # The smallest of scale * square is the largest likelihood, whose logarithm is -K ln.
-    met = (ends.reshape(-1, y.shape[1]) @ np.vstack([y.real, y.imag]).T).reshape(len(scale), 2, 2, len(y))
-    square = weight @ (y.real**2 + y.imag**2).T
-    square += np.sum(met[:, 0] ** 2 - met[:, 1] ** 2, axis=1)
-    return np.asarray(-y.shape[1] * np.log(np.min(scale[:, None] * square, axis=0)), np.float64)
+    band_hz, turned, power = np.ascontiguousarray(wide_hz[inside]), np.vstack([y.real, y.imag]).T, (np.abs(y) ** 2).T
+    least = np.full(len(CHANGES), np.inf)
+    for f in near_hz:
+        weight, ends, scale = _weights(band_hz, f, decay_rate, noise * _NOISES, duration_s)
+        met = (ends @ turned).reshape(len(scale), 2, 2, len(CHANGES)) ** 2
+        square = weight @ power + (met[:, 0] - met[:, 1]).sum(axis=1)
+        # The smallest of scale * square is the largest likelihood, whose logarithm is -K ln.
+        np.minimum(least, np.min(scale[:, None] * square, axis=0), out=least)
+    return np.asarray(-y.shape[1] * np.log(least), np.float64)
 
 
 @kernel
 def _weights(
-    band_hz: FloatArray, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray, duration_s: float
+    band_hz: FloatArray, frequency_hz: float, decay_rate: FloatArray, ratio: FloatArray, duration_s: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What weighs a band of K coefficients y by the inverse of a mode's covariance, at each of n points of a grid.
+    """What weighs a band of K coefficients y by the inverse of a mode's covariance, for n decay rates and noises.
 
-    y^H covariance^-1 y = weight (n, K) |y|^2 + |ends_0 y|^2 - |ends_1 y|^2, ends (n, 2, K); scale (n,): the K-th root
-    of the covariance's determinant.
+    y^H covariance^-1 y = weight (n, K) |y|^2 + |ends_0 y|^2 - |ends_1 y|^2, ends (2 n, K) in turn; scale (n,): the K-th
+    root of the covariance's determinant.
     """
     count = len(band_hz)
-    points = len(frequency_hz) * len(decay_rate) * len(ratio)
-    weight, ends, scale = np.empty((points, count)), np.empty((points, 2, count)), np.empty(points)
+    points = len(decay_rate) * len(ratio)
+    weight, ends, scale = np.empty((points, count)), np.empty((2 * points, count)), np.empty(points)
     point = 0
-    for f in frequency_hz:
-        for rate in decay_rate:
-            d, a, b = envelope(band_hz, f, rate, duration_s, False)[0]
-            for noise in ratio:
-                aa, bb, ab, logarithm = -1.0, 1.0, 0.0, 0.0
-                for k in range(count):
-                    w = 1.0 / (d[k] + noise)
-                    weight[point, k] = w
-                    logarithm -= np.log(w)
-                    aa += a[k] * a[k] * w
-                    bb += b[k] * b[k] * w
-                    ab += a[k] * b[k] * w
-                determinant = ab * ab - aa * bb
-                # Woodbury's identity for the ranks - a a^T + b b^T, with squares completed.
-                left, right, shift = np.sqrt(bb / determinant), np.sqrt(1.0 / bb), ab / bb
-                for k in range(count):
-                    ends[point, 0, k] = left * (a[k] - shift * b[k]) * weight[point, k]
-                    ends[point, 1, k] = right * b[k] * weight[point, k]
-                scale[point] = np.exp((logarithm + np.log(determinant)) / count)
-                point += 1
+    for rate in decay_rate:
+        d, a, b = envelope(band_hz, frequency_hz, rate, duration_s, False)[0]
+        for noise in ratio:
+            aa, bb, ab, logarithm = -1.0, 1.0, 0.0, 0.0
+            for k in range(count):
+                w = 1.0 / (d[k] + noise)
+                weight[point, k] = w
+                logarithm -= np.log(w)
+                aa += a[k] * a[k] * w
+                bb += b[k] * b[k] * w
+                ab += a[k] * b[k] * w
+            determinant = ab * ab - aa * bb
+            # Woodbury's identity for the ranks - a a^T + b b^T, with squares completed.
+            left, right, shift = np.sqrt(bb / determinant), np.sqrt(1.0 / bb), ab / bb
+            for k in range(count):
+                ends[2 * point, k] = left * (a[k] - shift * b[k]) * weight[point, k]
+                ends[2 * point + 1, k] = right * b[k] * weight[point, k]
+            scale[point] = np.exp((logarithm + np.log(determinant)) / count)
+            point += 1
     return weight, ends, scale
 
 

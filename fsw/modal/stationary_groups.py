@@ -57,6 +57,7 @@ def refined(found: list[Candidate], signals: FloatArray, rate_hz: float) -> list
     signals (T, p) of noise that is alike in all, without their mean.
     """
     done: list[Refined] = []
+    spectrum = np.fft.rfft(np.ascontiguousarray(signals.T)).T
     waiting = sorted(found, key=lambda c: (c.count < LEAST_ORDERS, -c.pole.singular_value))
     while waiting:
         first, *waiting = waiting
@@ -68,7 +69,7 @@ def refined(found: list[Candidate], signals: FloatArray, rate_hz: float) -> list
         ]
         near = sorted(near, key=lambda c: abs(c.frequency_hz - first.frequency_hz))[: _MOST - 1]
         fresh = [first, *(c for c in waiting if any(c is n for n in near))]
-        done += _settled(fresh, [c for c in known if any(c is n for n in near)], signals, rate_hz)
+        done += _settled(fresh, [c for c in known if any(c is n for n in near)], signals, spectrum, rate_hz)
         waiting = [c for c in waiting if not any(c is n for n in near)]
     return done
 
@@ -78,8 +79,10 @@ def _reach_hz(frequency_hz: float, damping_ratio: float, signals: FloatArray, ra
     return half_band_hz(frequency_hz, damping, len(signals) / rate_hz)
 
 
-def _settled(fresh: list[Candidate], known: list[Candidate], signals: FloatArray, rate_hz: float) -> list[Refined]:
-    """The fresh candidates that are needed beside each other and the known ones."""
+def _settled(
+    fresh: list[Candidate], known: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float
+) -> list[Refined]:
+    """The fresh candidates that are needed beside each other and the known ones; spectrum: of the signals."""
     members = [*fresh, *known]
     frequency_hz = np.array([c.frequency_hz for c in members])
     damping = np.array([c.damping_ratio for c in members])
@@ -88,7 +91,9 @@ def _settled(fresh: list[Candidate], known: list[Candidate], signals: FloatArray
         # The band depends on the damping: a second round has the better one.
         reach_hz = [_reach_hz(f, z, signals, rate_hz) for f, z in zip(frequency_hz, damping, strict=True)]
         low_hz, high_hz = float(np.min(frequency_hz - reach_hz)), float(np.max(frequency_hz + reach_hz))
-        basis = _span(signals, rate_hz, low_hz, high_hz, len(members))
+        resolution_hz = rate_hz / len(signals)
+        inside = slice(max(int(np.ceil(low_hz / resolution_hz)), 0), int(high_hz / resolution_hz) + 1)
+        basis = _span(spectrum[inside], len(members))
         band = band_of(signals @ basis, rate_hz, low_hz, high_hz)
         if len(band.frequency_hz) < _LEAST_COEFFICIENTS:
             return []
@@ -116,10 +121,10 @@ def _arrives(entry: Refined, start: Candidate, resolution_hz: float) -> bool:
     return abs(entry.candidate.frequency_hz - start.frequency_hz) < _FAR * width_hz
 
 
-def _span(signals: FloatArray, rate_hz: float, low_hz: float, high_hz: float, most: int) -> FloatArray:
-    """Orthonormal directions (p, q) of the motion in a band: at most so many, and those that stand out."""
-    grid_hz = np.fft.rfftfreq(len(signals), 1.0 / rate_hz)
-    X = np.fft.rfft(signals, axis=0)[(grid_hz >= low_hz) & (grid_hz <= high_hz)]
+def _span(X: ComplexArray, most: int) -> FloatArray:
+    """Orthonormal directions (p, q) of the motion in a band of a spectrum (K, p): at most so many, and those that stand
+    out.
+    """
     values, vectors = np.linalg.eigh((X.conj().T @ X).real)
     clear = int(np.count_nonzero(values > _CLEAR * values[0])) if len(values) > most else len(values)
     return vectors[:, ::-1][:, : max(min(clear, most), 1)]
@@ -150,7 +155,8 @@ def _asked(group: Group, mode: int) -> float:
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     q, m = group.shapes.shape
     if m <= q:
-        return posterior(band, group, mode, np.linalg.pinv(group.shapes, rcond=_FLAT)[mode])
+        weights = np.linalg.pinv(group.shapes, rcond=_FLAT)[mode]
+        return posterior(band, group, mode, weights / float(weights @ group.shapes[:, mode]))
     # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, and whether one is
     # a line is left to what a line explains.
     sigma, rate = group.sigmas[mode], float(group.decay_rate[mode])

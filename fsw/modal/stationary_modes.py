@@ -98,14 +98,18 @@ def _without_doubles(found: list[Candidate], duration_s: float) -> list[Candidat
 
 
 def modal_filter(candidate: Candidate, found: list[Candidate]) -> FloatArray:
-    """Weights (p,) that pass one mode's real shape and stop those of its neighbours in frequency."""
+    """Weights (p,) that pass one mode's real shape and stop those of its neighbours in frequency.
+
+    A neighbour of the same shape cannot be stopped: it may take nothing of the mode's own.
+    """
     near = [
         c
         for c in found
         if c is not candidate and abs(c.frequency_hz - candidate.frequency_hz) < _NEIGHBOUR * candidate.frequency_hz
     ]
     shapes = np.stack([real_shape(c.pole.shape) for c in [candidate, *near]], axis=1)
-    return np.linalg.pinv(shapes, rcond=0.05)[0]
+    weights = np.linalg.pinv(shapes, rcond=0.05)[0]
+    return weights / float(weights @ shapes[:, 0])
 
 
 def _overlaps(candidate: Candidate, found: list[Candidate], duration_s: float) -> bool:

@@ -24,9 +24,8 @@ _REACH, _NOISE_REACH = 5.0, 2.0
 # than _VAGUE may be anything down to a line's.
 _LEAST_SPREAD, _MOST_SPREAD, _VAGUE, _MOST_NOISE_SPREAD = 0.05, 0.7, 0.3, 1.5
 _SLOWEST = 0.03
-# A steady line: its decay over the record, the noise beside it over its power, and the zooms on its frequency.
-_NO_DECAY, _ZOOMS, _ZOOM = 1e-7, 3, 0.1
-_LINE_NOISE = np.exp(np.linspace(-20.0, 2.0, 45))
+# Zooms on the frequency of a steady line.
+_ZOOMS, _ZOOM = 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -82,17 +81,24 @@ def _grid(band: Band, mode: Group) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _line(band: Band, frequency_hz: float) -> float:
-    """Largest log likelihood of a steady line near a frequency, in white noise."""
+    """Largest log likelihood of a steady line near a frequency, in white noise, up to the same constant.
+
+    A line of unit power has the covariance u u^T, u_k = (-1)^k sinc((f - f_k) T). Of the coefficients' power S the line
+    explains at most P; its own share t of S - P t that makes them most likely is known in closed form.
+    """
+    y, count = band.coefficients[:, :, 0], len(band.frequency_hz)
+    S = float(np.sum(np.abs(y) ** 2))
     centre_hz, reach_hz = frequency_hz, 1.0 / band.duration_s
-    slow = np.array([_NO_DECAY / band.duration_s])
-    top = -np.inf
+    turned = y * (-1.0) ** np.arange(count)
     for _ in range(_ZOOMS):
         near_hz = centre_hz + reach_hz * np.linspace(-1.0, 1.0, 21)
-        likelihood = _likelihood(band, near_hz, slow, _LINE_NOISE)
-        top = float(np.max(likelihood))
-        centre_hz = float(near_hz[np.unravel_index(np.argmax(likelihood), likelihood.shape)[0]])
+        u = np.sinc((near_hz[:, None] - band.frequency_hz) * band.duration_s)
+        P = np.sum(np.abs(u @ turned.T) ** 2, axis=1) / np.sum(u**2, axis=1)
+        centre_hz = float(near_hz[np.argmax(P)])
         reach_hz *= _ZOOM
-    return top
+    most = float(np.max(P))
+    t = min(max((count * most - S) / (most * (count - 1)), 0.0), 1.0 - 1e-12)
+    return len(y) * float(np.log(1.0 - t) - count * np.log(S - most * t))
 
 
 def _likelihood(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
@@ -119,6 +125,7 @@ def _on_grid(
         for k in range(count):
             power[k] += y[piece, k].real ** 2 + y[piece, k].imag ** 2
     values = np.empty((len(frequency_hz), len(decay_rate), len(ratio)))
+    weight = np.empty(count)
     for i in range(len(frequency_hz)):
         for j in range(len(decay_rate)):
             d, a, b = envelope(band_hz, frequency_hz[i], decay_rate[j], duration_s, False)[0]
@@ -126,25 +133,27 @@ def _on_grid(
                 aa, bb, ab, square = -1.0, 1.0, 0.0, 0.0
                 logarithm, product = 0.0, 1.0
                 for k in range(count):
-                    weight = 1.0 / (d[k] + ratio[n])
-                    square += power[k] * weight
-                    aa += a[k] * a[k] * weight
-                    bb += b[k] * b[k] * weight
-                    ab += a[k] * b[k] * weight
-                    product *= weight
+                    w = 1.0 / (d[k] + ratio[n])
+                    weight[k] = w
+                    square += power[k] * w
+                    aa += a[k] * a[k] * w
+                    bb += b[k] * b[k] * w
+                    ab += a[k] * b[k] * w
+                    product *= w
                     if product < 1e-150 or product > 1e150:  # a logarithm costs more than all the rest
                         logarithm += np.log(product)
                         product = 1.0
                 logarithm += np.log(product)
                 determinant = aa * bb - ab * ab
                 for piece in range(pieces):
-                    ya, yb = 0.0j, 0.0j
+                    ar, ai, br, bi = 0.0, 0.0, 0.0, 0.0
                     for k in range(count):
-                        weight = 1.0 / (d[k] + ratio[n])
-                        ya += a[k] * weight * y[piece, k]
-                        yb += b[k] * weight * y[piece, k]
-                    cross = (ya.real**2 + ya.imag**2) * bb + (yb.real**2 + yb.imag**2) * aa
-                    cross -= 2.0 * (ya.real * yb.real + ya.imag * yb.imag) * ab
+                        real, imaginary = weight[k] * y[piece, k].real, weight[k] * y[piece, k].imag
+                        ar += a[k] * real
+                        ai += a[k] * imaginary
+                        br += b[k] * real
+                        bi += b[k] * imaginary
+                    cross = (ar**2 + ai**2) * bb + (br**2 + bi**2) * aa - 2.0 * (ar * br + ai * bi) * ab
                     square -= cross / determinant
                 values[i, j, n] = -pieces * (np.log(-determinant) - logarithm) - pieces * count * np.log(square)
     return values
