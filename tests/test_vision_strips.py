@@ -165,14 +165,21 @@ def test_a_lens_bends_the_side_and_the_strips_follow(outwards: float) -> None:
 
 
 def test_the_parabola_keeps_to_the_distorted_line() -> None:
-    lens, start, end = Edge(distortion=BARREL).lens, (30.0, 70.0), (290.0, 80.0)
-    begin, stop, curve = follow(start, end, True, lens.intrinsics, lens.distortion)
+    start, end = (30.0, 70.0), (290.0, 80.0)
+    edge = Edge(start, end, distortion=BARREL)
+    lens = edge.lens
+    vertical, gain, begin, stop, curve = follow(start, end, edge.normal, lens.intrinsics, lens.distortion)
     share = np.linspace(0.0, 1.0, 41)[:, None]
     x, y = distort_points(np.array(start) + share * np.subtract(end, start), lens.intrinsics, lens.distortion).T
     assert (begin, stop) == pytest.approx((x[0], x[-1]))
     bend = np.abs(y - np.interp(x, x[[0, -1]], y[[0, -1]])).max()
     off = np.abs([place_at(curve, a) for a in x] - y).max()
-    assert bend > 0.5 and off < 0.02 * bend
+    assert vertical and bend > 0.5 and off < 0.02 * bend
+    at = distort_points(np.array([[160.0, 75.0]]), lens.intrinsics, lens.distortion)
+    (above,), (below,) = (
+        undistort_points(at + np.array([[0.0, h]]), lens.intrinsics, lens.distortion) for h in (0.5, -0.5)
+    )
+    assert gain == pytest.approx(float((above - below) @ np.array(edge.normal)), rel=1e-5)
 
 
 @pytest.mark.parametrize("bright", [True, False])

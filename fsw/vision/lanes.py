@@ -44,18 +44,17 @@ def make_strip(across_rows: bool, each: int) -> Strip:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             image, row, column, taps, weight, table, phase, pixel = args
             index = row.type
-            at = _Addresses(context, builder, signature)
-            if across_rows:
-                total = _sum_columns(builder, lambda k: at(0, image, [builder.add(row, k), column]), taps, bits, each)
-            else:
-                total = _sum_rows(builder, lambda k: at(0, image, [builder.add(row, k), column]), index, bits, each)
-            values = builder.sitofp(total, ir.VectorType(_FLOAT, LANES))
+            first, stride = _address(context, builder, signature.args[0], image, [row, column])
+            sum_up = _sum_columns if across_rows else _sum_rows
+            values = builder.sitofp(sum_up(builder, first, stride, taps, bits, each), ir.VectorType(_FLOAT, LANES))
             whole = values.type.as_pointer()
-            builder.store(values, builder.bitcast(at(7, pixel, [index(0)]), whole), align=4)
+            place, _stride = _address(context, builder, signature.args[7], pixel, [index(0)])
+            builder.store(values, builder.inttoptr(place, whole), align=4)
             products = []
             for template in range(2):
-                place = at(4, weight, [table, phase, index(template), index(0)])
-                factors = builder.load(builder.bitcast(place, whole), align=4)
+                at = [table, phase, index(template), index(0)]
+                place, _stride = _address(context, builder, signature.args[4], weight, at)
+                factors = builder.load(builder.inttoptr(place, whole), align=4)
                 products.append(_add_up(builder, builder.fmul(factors, values)))
             return context.make_tuple(builder, signature.return_type, products)
 
@@ -64,42 +63,38 @@ def make_strip(across_rows: bool, each: int) -> Strip:
     return cast(Strip, strip)
 
 
-class _Addresses:
-    """Address of an array's element, of the arguments of one signature."""
-
-    def __init__(self, context: Any, builder: Any, signature: Any) -> None:
-        self.context, self.builder, self.signature = context, builder, signature
-
-    def __call__(self, argument: int, value: Any, place: list[Any]) -> Any:
-        kind, builder = self.signature.args[argument], self.builder
-        array = self.context.make_array(kind)(self.context, builder, value)
-        shape, strides = (cgutils.unpack_tuple(builder, packed) for packed in (array.shape, array.strides))
-        return cgutils.get_item_pointer2(
-            self.context, builder, array.data, shape, strides, kind.layout, place, wraparound=False
-        )
+def _address(context: Any, builder: Any, kind: Any, value: Any, place: list[Any]) -> tuple[Any, Any]:
+    """Address of an array's element, and the bytes from row to row, as numbers."""
+    array = context.make_array(kind)(context, builder, value)
+    shape, strides = (cgutils.unpack_tuple(builder, packed) for packed in (array.shape, array.strides))
+    pointer = cgutils.get_item_pointer2(
+        context, builder, array.data, shape, strides, kind.layout, place, wraparound=False
+    )
+    return builder.ptrtoint(pointer, place[0].type), strides[0]
 
 
-def _sum_rows(builder: Any, at: Callable[[Any], Any], index: Any, bits: int, each: int) -> Any:
+def _sum_rows(builder: Any, address: Any, stride: Any, _taps: Any, bits: int, each: int) -> Any:
     """Sum of `each` rows of LANES pixels."""
     total = ir.Constant(_SUM, [0] * LANES)
-    pixels = ir.VectorType(ir.IntType(bits), LANES)
-    for k in range(each):
-        row = builder.load(builder.bitcast(at(index(k)), pixels.as_pointer()), align=bits // 8)
+    pixels = ir.VectorType(ir.IntType(bits), LANES).as_pointer()
+    for _ in range(each):
+        row = builder.load(builder.inttoptr(address, pixels), align=bits // 8)
         total = builder.add(total, builder.zext(row, _SUM))
+        address = builder.add(address, stride)
     return total
 
 
-def _sum_columns(builder: Any, at: Callable[[Any], Any], taps: Any, bits: int, each: int) -> Any:
+def _sum_columns(builder: Any, address: Any, stride: Any, taps: Any, bits: int, each: int) -> Any:
     """Sums of `each` pixels side by side, of LANES rows: `each` pixels are one number, whose digits are added."""
-    run, one = ir.IntType(bits * each), taps.type(1)
+    run = ir.IntType(bits * each)
     runs: Any = ir.Constant(ir.VectorType(run, LANES), ir.Undefined)
-    last = builder.sub(taps, one)
     for k in range(LANES):
-        row = taps.type(k)
-        if k >= SURE:  # beyond the last row there may be no image
-            row = builder.select(builder.icmp_unsigned("<", row, last), row, last)
-        number = builder.load(builder.bitcast(at(row), run.as_pointer()), align=bits // 8)
+        number = builder.load(builder.inttoptr(address, run.as_pointer()), align=bits // 8)
         runs = builder.insert_element(runs, number, _INDEX(k))
+        step = stride
+        if k + 1 >= SURE:  # beyond the last row there may be no image
+            step = builder.select(builder.icmp_unsigned("<", taps.type(k + 1), taps), stride, stride.type(0))
+        address = builder.add(address, step)
     total = ir.Constant(runs.type, [0] * LANES)
     for k in range(each):
         digit = builder.lshr(runs, ir.Constant(runs.type, [bits * k] * LANES))

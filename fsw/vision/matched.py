@@ -18,7 +18,6 @@ from fsw.vision.strips import (
     follow,
     four_columns,
     four_rows,
-    gains_across,
     one_column,
     one_row,
     place_at,
@@ -30,7 +29,7 @@ from fsw.vision.templates import ACROSS, BLURRING, INSIDE, LEVEL, LINE, PHASES, 
 from wingbeat.kernels import kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
-JUDGED = 8  # every so many strips are asked for what the model leaves over
+JUDGED = 16  # every so many strips are asked for what the model leaves over
 
 
 class Way(NamedTuple):
@@ -150,11 +149,8 @@ def match_segments(
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = math.hypot(dx, dy)
     inset = inset_px(length, lens.blur_px) / length
-    gain_x, gain_y = gains_across(start[0] + 0.5 * dx, start[1] + 0.5 * dy, normal, intrinsics, distortion)
-    vertical = abs(gain_y) > abs(gain_x)
-    gain = gain_y if vertical else gain_x
     near, far = (start[0] + inset * dx, start[1] + inset * dy), (end[0] - inset * dx, end[1] - inset * dy)
-    begin, stop, curve = follow(near, far, vertical, intrinsics, distortion)
+    vertical, gain, begin, stop, curve = follow(near, far, normal, intrinsics, distortion)
     first = math.ceil(min(begin, stop))
     columns = math.floor(max(begin, stop)) - first + 1
     each = strip_columns(curve[2], columns)

@@ -171,9 +171,9 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
             r = segments[i, 1] - middle - slope * segments[i, 0]
             squares += r * r
             chi2 += r * r / segments[i, 2]
-            gate = max(SEGMENT_GATE_PX, 4.0 * math.sqrt(segments[i, 2]))
-            if abs(r) / gate > worst:
-                worst, which = abs(r) / gate, i
+            gate2 = max(SEGMENT_GATE_PX**2, 16.0 * segments[i, 2])
+            if r * r > worst * gate2:
+                worst, which = r * r / gate2, i
         if which < 0 or kept <= 2:
             break
         segments[which, 2] = -1.0

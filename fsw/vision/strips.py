@@ -25,33 +25,27 @@ four_rows, two_rows, one_row = (make_strip(False, each) for each in (4, 2, 1))
 
 
 @kernel
-def gains_across(
-    u: float, v: float, normal: Point, intrinsics: FloatArray, distortion: FloatArray
-) -> tuple[float, float]:
-    """How far a step of one image pixel, along x and along y, leads along an ideal normal at an ideal pixel."""
-    _, _, xx, xy, yx, yy = distort_point(u, v, intrinsics, distortion)
-    det = xx * yy - xy * yx
-    return (yy * normal[0] - yx * normal[1]) / det, (xx * normal[1] - xy * normal[0]) / det
-
-
-@kernel
 def follow(
-    start: Point, end: Point, vertical: bool, intrinsics: FloatArray, distortion: FloatArray
-) -> tuple[float, float, Curve]:
-    """The image of a straight line between two ideal points: where it starts and ends along the image, and its curve.
+    start: Point, end: Point, normal: Point, intrinsics: FloatArray, distortion: FloatArray
+) -> tuple[bool, float, float, float, Curve]:
+    """The image of a straight line between two ideal points: (vertical, gain, begin, stop, curve).
 
-    vertical: whether it is followed along image columns' numbers, its pixels taken along rows' (see `place_at`). The
-    lens bends it to a parabola through both ends and the middle.
+    vertical: whether it runs along image rows, so that columns of pixels lie across it. gain: how far a step of one
+    pixel across leads along the ideal normal, at its middle. begin, stop: where it starts and ends along the image. The
+    lens bends it to a parabola through both ends and the middle: see `place_at`.
     """
-    x0, y0, _, _, _, _ = distort_point(start[0], start[1], intrinsics, distortion)
-    x2, y2, _, _, _, _ = distort_point(end[0], end[1], intrinsics, distortion)
     u, v = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-    x1, y1, _, _, _, _ = distort_point(u, v, intrinsics, distortion)
+    x0, y0, _, _, _, _ = distort_point(start[0], start[1], intrinsics, distortion)
+    x1, y1, xx, xy, yx, yy = distort_point(u, v, intrinsics, distortion)
+    x2, y2, _, _, _, _ = distort_point(end[0], end[1], intrinsics, distortion)
+    across_x, across_y, det = yy * normal[0] - yx * normal[1], xx * normal[1] - xy * normal[0], xx * yy - xy * yx
+    vertical = abs(across_y) > abs(across_x)
+    gain = (across_y if vertical else across_x) / det
     a0, a1, a2 = (x0, x1, x2) if vertical else (y0, y1, y2)
     c0, c1, c2 = (y0, y1, y2) if vertical else (x0, x1, x2)
     before, after = (c0 - c1) / (a0 - a1), (c2 - c1) / (a2 - a1)
     bend = (after - before) / (a2 - a0)
-    return a0, a2, (a1, c1, after - bend * (a2 - a1), bend)
+    return vertical, gain, a0, a2, (a1, c1, after - bend * (a2 - a1), bend)
 
 
 @kernel
