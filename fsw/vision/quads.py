@@ -32,7 +32,7 @@ MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear mode
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
-FLOOR_PX = 0.0006  # no side is known better than this: what quantisation leaves
+FLOOR_PX = 0.0005  # no side is known better than this: what quantisation leaves
 
 
 class Cells(NamedTuple):
