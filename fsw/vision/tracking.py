@@ -27,7 +27,7 @@ START_PASSES = 2  # measurements that a start takes to settle them, corrections 
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """stride: measure every so many image columns of a long side.
+    """stride: the full fit takes every so many image columns of a long side.
 
     widest: a centre farther from the surface than this part of the smallest pitch is no cell, however much the others
     scatter: a view that took one row for the next would scatter more. blur_px: the lens's blur to start from
