@@ -3,7 +3,7 @@
 import numpy as np
 
 from fsw.vision.quads import make_cells
-from fsw.vision.sizes import widen_odd_sizes
+from fsw.vision.sizes import EVEN_PX, TERMS, WORK, widen_odd_sizes
 
 COUNT, VARIANCE = 60, 1e-6
 
@@ -21,7 +21,7 @@ def widened(shift: np.ndarray, scale: float = 1.0) -> np.ndarray:
     cells.covariance_px2[:] = VARIANCE, 0.0, VARIANCE
     cells.whole[:] = cells.found[:] = True
     deviation = cells.corners_px - expected  # what was wrong in the tick before must not hide what is wrong now
-    widen_odd_sizes(expected + deviation, deviation, np.zeros((COUNT, 3)), cells)
+    widen_odd_sizes(expected + deviation, deviation, np.zeros((COUNT + TERMS + 1, WORK)), cells)
     assert (cells.found == (abs(shift - np.median(shift)) < 0.5)).all()
     return cells.covariance_px2
 
@@ -40,3 +40,19 @@ def test_a_side_that_is_off_widens_its_own_direction_until_sigma_tells_the_truth
 
 def test_what_all_cells_have_in_common_is_no_fault_of_any() -> None:
     assert (widened(np.full(COUNT, 0.2), 1.01)[:, 2] == VARIANCE).mean() > 0.95
+
+
+def test_what_grows_evenly_towards_the_rim_is_no_fault_of_any_and_hides_none() -> None:
+    column, row = np.divmod(np.arange(COUNT), 10)
+    shift = 0.1 * ((column - 2.5) / 2.5) ** 2 + 0.02 * (row - 4.5) / 4.5
+    assert (widened(shift)[:, 2] == VARIANCE).mean() > 0.95
+    shift[[7, 31]] += 0.06, -0.3
+    C = widened(shift)
+    assert (C[[7, 31], 2] > (0.4 * np.array([0.06, 0.3])) ** 2).all()
+    assert (np.delete(C[:, 2], [7, 31]) == VARIANCE).mean() > 0.95
+
+
+def test_a_whole_row_of_wrong_sides_at_the_rim_does_not_pass_for_the_wings_bending() -> None:
+    shift = np.zeros(COUNT)
+    shift[:10] = 2.0 * EVEN_PX
+    assert (widened(0.9 * shift)[:10, 2] > 0.1**2).all()

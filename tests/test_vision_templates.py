@@ -4,16 +4,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_vision_edges import LEVEL, MIRRORED, TILTED, UPSIDE_DOWN, Sheet, table_of
+from test_vision_edges import LEVEL as STRAIGHT
+from test_vision_edges import MIRRORED, TILTED, UPSIDE_DOWN, Sheet, table_of
 
-from fsw.vision.blur import STEP_ROWS, tabulate_step
-from fsw.vision.templates import BLURRING, MAX_TAPS, PHASES, SHIFT, STEP, fill_templates, make_templates, sum_columns
+from fsw.vision.blur import STEP_ROWS
+from fsw.vision.lanes import SURE
+from fsw.vision.templates import (
+    BLURRING,
+    LEVEL,
+    NOISE_RANGE,
+    PHASES,
+    SHIFT,
+    STEP,
+    Templates,
+    fill_templates,
+    make_templates,
+    noise_ratio,
+)
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 WIDE: dict[str, Any] = {"pitch_mm": (47.0, 27.0), "border_mm": 9.0, "size": (300, 230)}
 
 
-@pytest.mark.parametrize("H", [LEVEL, UPSIDE_DOWN, MIRRORED], ids=["level", "turned", "mirrored"])
+@pytest.mark.parametrize("H", [STRAIGHT, UPSIDE_DOWN, MIRRORED], ids=["level", "turned", "mirrored"])
 @pytest.mark.parametrize("shift", [(0.1, -0.1), (0.4, -0.3), (-1.4, 1.1)])
 @pytest.mark.parametrize("blur_px", [0.5, 0.7])
 def test_wide_lines_are_measured_to_a_hundredth_of_a_pixel(H: FloatArray, shift: FloatArray, blur_px: float) -> None:
@@ -25,12 +38,12 @@ def test_wide_lines_are_measured_to_a_hundredth_of_a_pixel(H: FloatArray, shift:
 
 
 def test_a_side_on_the_next_line_is_not_found() -> None:
-    sheet = Sheet(LEVEL, **WIDE)
+    sheet = Sheet(STRAIGHT, **WIDE)
     away = sheet.corners_px() + np.array([0.0, 9.0])
     assert not sheet.measure(sheet.draw(), away).found.any()
 
 
-@pytest.mark.parametrize("H", [LEVEL, TILTED], ids=["level", "tilted"])
+@pytest.mark.parametrize("H", [STRAIGHT, TILTED], ids=["level", "tilted"])
 @pytest.mark.parametrize("noise", [300.0, 1200.0])
 def test_the_normalised_error_of_the_centre_is_a_chi_square(H: FloatArray, noise: float) -> None:
     sheet, rng, chi2 = Sheet(H, **WIDE), np.random.default_rng(17), []
@@ -52,45 +65,79 @@ def test_the_normalised_error_of_the_centre_is_a_chi_square(H: FloatArray, noise
     assert np.mean(chi2) / 2.0 == pytest.approx(1.0, abs=0.1)
 
 
+def filled(blur_px: float, gain: float = 1.0, room_px: float = 0.0, ratio: float = 1.0) -> Templates:
+    """Templates along X, for this ratio of a pixel's variance on the line to that on the cell."""
+    templates = make_templates()
+    templates.noise[0] = 1.0, ratio
+    fill_templates(table_of(blur_px), float(np.sqrt(blur_px**2 + 1.0 / 12.0)), gain, room_px, 0, templates)
+    return templates
+
+
+@pytest.mark.parametrize("ratio", [0.2, 1.0, 6.0])
 @pytest.mark.parametrize("blur_px", [0.4, 0.6, 1.0])
-def test_templates_give_the_shift_of_any_edge_and_reach_the_bound(blur_px: float) -> None:
-    rng, step, templates = np.random.default_rng(4), np.zeros((STEP_ROWS, 3)), make_templates()
-    tabulate_step(blur_px, step)
-    whole = float(np.sqrt(blur_px**2 + 1.0 / 12.0))
-    fill_templates(step, whole, 1.0, 0, templates)
-    taps, noise, columns = int(templates.taps[0]), 3.0, 200
-    assert 0 < taps <= MAX_TAPS
-    table = table_of(blur_px)
-    grid = np.arange(len(table)) / 64.0 - 8.0
-    shifts, variances, bounds = [], [], []
-    for _ in range(150):
-        templates.place[:columns] = rng.uniform(0.0, PHASES, columns)
-        x = np.arange(taps) - (taps // 2 - 1) - templates.place[:columns, None] / PHASES
-        edge = np.interp(x - 0.1, grid, table[:, 0])
-        templates.pixel[:columns, :taps] = 40.0 + 150.0 * edge + rng.normal(0.0, noise, edge.shape)
-        sb, sbb, sbc, scc, *_ = sum_columns(
-            templates.pixel, templates.place, columns, templates.weight, templates.scale, 0, taps
-        )
-        shift = sbc / sbb
-        variances.append((scc - shift * sbc) / ((columns - 1) * sbb))
-        shifts.append(shift + templates.cubic[0] * shift**3)
-        slope = -150.0 * np.interp(x - 0.1, grid, table[:, 1])
-        J = np.stack([np.ones(x.size), edge.ravel(), slope.ravel()])
-        bounds.append(np.linalg.inv(J @ J.T)[2, 2] * noise**2)
-        assert sb / columns == pytest.approx(150.0, rel=0.02)
-    assert np.mean(shifts) == pytest.approx(0.1, abs=0.002)
-    assert np.mean(variances) / np.var(shifts) == pytest.approx(1.0, abs=0.35)
-    assert np.mean(variances) / np.mean(bounds) < 1.15
+def test_templates_are_the_weighted_least_squares_of_the_linear_model(blur_px: float, ratio: float) -> None:
+    templates, table = filled(blur_px, ratio=ratio), table_of(blur_px)
+    taps, grid = int(templates.taps[0]), np.arange(STEP_ROWS) / 64.0 - 8.0
+    for phase in (0, 13, PHASES - 1):
+        x = np.arange(taps) - (taps // 2 - 1) - (phase + 0.5) / PHASES
+        value, slope = (np.interp(x, grid, table[:, i]) for i in (0, 1))
+        J, W = np.stack([np.ones(taps), value, -slope], axis=1), 1.0 / (1.0 + (ratio - 1.0) * value)
+        best = np.linalg.solve(J.T @ (W[:, None] * J), J.T * W)
+        weight = templates.weight[0, phase].astype(float)
+        assert weight[STEP, :taps] == pytest.approx(best[1], abs=1e-5)
+        assert weight[SHIFT, :taps] == pytest.approx(best[2], abs=1e-5)
+        assert (weight[:, taps:] == 0.0).all()
+        mirrored = templates.weight[2, phase, :, :taps][:, ::-1]
+        assert (mirrored == templates.weight[0, phase, :, :taps]).all()
 
 
-def test_templates_are_orthogonal_to_a_level_and_to_each_other() -> None:
-    step, templates = np.zeros((STEP_ROWS, 3)), make_templates()
-    tabulate_step(0.6, step)
-    fill_templates(step, 0.67, 0.95, 1, templates)
-    weight = templates.weight[1].astype(float)
-    assert np.abs(weight.sum(axis=2)).max() < 1e-6
-    for one, other in ((STEP, SHIFT), (STEP, BLURRING), (SHIFT, BLURRING)):
-        if one != STEP or other != SHIFT:
-            assert np.abs(np.einsum("pk,pk->p", weight[:, one], weight[:, other])).max() < 1e-5
-    fill_templates(step, 3.5, 1.0, 1, templates)
-    assert templates.taps[1] == 0  # too blurred: the full fit takes over
+@pytest.mark.parametrize("ratio", [1.0, 6.0])
+def test_shifts_to_either_side_are_calibrated(ratio: float) -> None:
+    blur_px = 0.6
+    templates, table, grid = filled(blur_px, ratio=ratio), table_of(blur_px), np.arange(STEP_ROWS) / 64.0 - 8.0
+    taps, square, cube = int(templates.taps[0]), *templates.bent[0]
+    for shift in (-0.25, -0.1, 0.03, 0.2):
+        found = []
+        for phase in range(PHASES):
+            x = np.arange(taps) - (taps // 2 - 1) - (phase + 0.5) / PHASES
+            step, off = templates.weight[0, phase, :2, :taps] @ np.interp(x - shift, grid, table[:, 0])
+            found.append(off / step)
+        linear = float(np.mean(found))
+        assert linear + square * linear**2 + cube * linear**3 == pytest.approx(shift, abs=5e-4)
+
+
+def test_an_edge_more_blurred_seems_shifted_as_told() -> None:
+    templates, grid = filled(0.6, ratio=6.0), np.arange(STEP_ROWS) / 64.0 - 8.0
+    taps, table, found = int(templates.taps[0]), table_of(0.61), []
+    for phase in range(PHASES):
+        x = np.arange(taps) - (taps // 2 - 1) - (phase + 0.5) / PHASES
+        step, off = templates.weight[0, phase, :2, :taps] @ np.interp(x, grid, table[:, 0])
+        found.append(off / step)
+    assert np.mean(found) == pytest.approx(0.01 * templates.blurred[0], rel=0.05)
+    assert abs(filled(0.6, ratio=1.0).blurred[0]) < 0.01
+
+
+@pytest.mark.parametrize("ratio", [1.0, 5.0])
+def test_templates_are_blind_to_a_level_and_to_each_other(ratio: float) -> None:
+    templates = filled(0.6, 0.95, ratio=ratio)
+    taps = int(templates.taps[0])
+    weight, own = templates.weight[0, :, :, :taps].astype(float), templates.pixel_weight[0, :, :taps].astype(float)
+    assert own.mean(axis=1) == pytest.approx(np.ones(PHASES), abs=1e-6)
+    assert np.abs(weight[:, (STEP, SHIFT, BLURRING)].sum(axis=2)).max() < 1e-5
+    for one, other in ((SHIFT, BLURRING), (STEP, BLURRING), (LEVEL, BLURRING), (LEVEL, SHIFT)):
+        assert np.abs(np.einsum("pk,pk->p", weight[:, one], weight[:, other] / own)).max() < 1e-5
+
+
+def test_the_window_is_as_wide_as_lines_leave_room_and_none_for_strong_blur() -> None:
+    assert filled(0.6).taps[0] == 8
+    assert filled(0.6, room_px=5.4).taps[0] == 10
+    assert filled(0.6, room_px=90.0).taps[0] == 12
+    assert filled(0.2).taps[0] == SURE
+    assert filled(3.5).taps[0] == 0  # the full fit takes over
+
+
+def test_the_ratio_of_the_noise_is_bounded_and_even_before_any_is_known() -> None:
+    assert noise_ratio(np.array([0.0, 0.0])) == 1.0
+    assert noise_ratio(np.array([2.0, 9.0])) == 4.5
+    assert noise_ratio(np.array([1.0, 1e9])) == NOISE_RANGE
+    assert noise_ratio(np.array([1e9, 0.0])) == 1.0 / NOISE_RANGE

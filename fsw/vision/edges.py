@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import PIXEL_VARIANCE, look_up
-from fsw.vision.templates import Templates, make_templates
+from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -22,7 +22,7 @@ Point = tuple[float, float]
 
 BIN_PX = 0.5  # fine against the blur of any lens with its pixel, coarse against the cost
 BINS = 64  # 32 px: the widest window, in bins
-SEGMENTS = 6  # at most, on a side
+SEGMENTS = MOST_SEGMENTS  # at most, on a side
 FIT_STEPS = 6  # Gauss-Newton steps of one edge model, at most
 SETTLED_PX = 2e-3  # a step shorter than this is the last but one: the next is shorter than its square
 MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else's

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from fsw.vision.edges import FloatArray
 from wingbeat.kernels import kernel
 
+OWN_SHARE = 0.45  # of a cell's extent: what lies as near to a side is its own, not the side across's
+
 
 @kernel
 def corner_depths(c: FloatArray, depth: FloatArray) -> None:
@@ -79,3 +81,18 @@ def mean_gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> f
             gain += max(ex, ey) / math.hypot(ex, ey)
             count += 1
     return gain / count if count > 0 else 1.0
+
+
+@kernel
+def least_plateau(expected_px: FloatArray, wanted: NDArray[np.bool_], line_ratio: FloatArray, row: int) -> float:
+    """Least width of the lines across the sides along X (0) or along Y (1), up to the part of a cell that is its own.
+
+    expected_px (N, 4, 2), wanted (N,), line_ratio (N, 4): see measure_cells.
+    """
+    least = math.inf
+    for n in range(len(expected_px)):
+        if wanted[n]:
+            _, nx, ny = side_normal(expected_px[n], row)
+            extent = abs(extent_across(expected_px[n], row, nx, ny))
+            least = min(least, extent * min(line_ratio[n, row], OWN_SHARE))
+    return least

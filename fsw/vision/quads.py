@@ -7,16 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
+from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
+    OWN_SHARE,
     centre_share,
     corner_depths,
     crossing,
     extent_across,
+    least_plateau,
     line_width,
     mean_gain,
     side_normal,
 )
-from fsw.vision.sides import Lens, fit_segments, match_segments, straight_side
+from fsw.vision.sides import Lens, fit_segments, straight_side
 from fsw.vision.standing_in import SUMS, add_size, is_inside, learn_size, stand_in
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
@@ -29,7 +32,7 @@ MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear mode
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
-FLOOR_PX = 0.0006  # no side is known better than this: what quantisation leaves
+FLOOR_PX = 0.0005  # no side is known better than this: what quantisation leaves
 
 
 class Cells(NamedTuple):
@@ -87,7 +90,9 @@ def measure_cells(
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
     for row in range(2):
-        fill_templates(lens.step, lens.blur_px, mean_gain(expected_px, wanted, row), row, scratch.templates)
+        gain, plateau = mean_gain(expected_px, wanted, row), least_plateau(expected_px, wanted, line_ratio, row)
+        room = plateau - FAR_SIGMAS * lens.blur_px - MATCHED_PX
+        fill_templates(lens.step, lens.blur_px, gain, room, row, scratch.templates)
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((3, 2))
     middle, slope, variance, pull, weight = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
@@ -119,7 +124,7 @@ def measure_cells(
             behind = scale * line_width(c, depth, k1, k2, ratio, nx[k], ny[k])
             width = 0.5 * (ahead + behind)
             reach = WINDOW_SIGMAS * lens.blur_px + WINDOW_PX
-            inner = min(reach, 0.45 * extent)
+            inner = min(reach, OWN_SHARE * extent)
             if bordering[n, k]:
                 outer, bar = min(reach, max(width, 2.5 * lens.blur_px)), (0.0, 0.0)
             elif width > reach + 3.0 * lens.blur_px:
@@ -131,7 +136,7 @@ def measure_cells(
             row = WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y
             # Templates need half a window of plateau on either side.
             half = 0.5 * scratch.templates.taps[k % 2]
-            plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, 0.45 * extent)
+            plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
             settled = MATCHED_PX if plain else RECENTRE_PX
             pull[k], weight[k] = 0.0, scratch.pooled[row, 1]
             m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
@@ -141,7 +146,7 @@ def measure_cells(
                 end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
                 if plain:
                     pieces, found, side_contrast = match_segments(
-                        image, lens, start, end, (nx[k], ny[k]), k % 2, sign, stride, scratch
+                        image, lens, start, end, (nx[k], ny[k]), k % 2, sign, scratch
                     )
                 else:
                     pieces, found, side_contrast, pull[k] = fit_segments(

@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import (
     BLUR,
     SEGMENTS,
@@ -15,17 +14,14 @@ from fsw.vision.edges import (
     gather,
 )
 from fsw.vision.rig import distort_point
-from fsw.vision.templates import PROBE_PX, sum_columns, take_pixels
 from wingbeat.kernels import kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
 SEGMENT_COLUMNS = 6.0  # that a segment should have, before any are left out
-SIDE_COLUMNS = 48.0  # that a side matched by templates should have, before any are left out
-LEAST_COLUMNS = 6  # of a segment matched by templates
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
-UNEXPLAINED = 3.0  # a straight side's chi-square by its degrees of freedom: more is not the noise's
-NOISIER = 4.0  # times the variance of the quietest segment: luck does not reach so far, a glint or a shadow does
+UNEXPLAINED = 4.0  # a straight side's chi-square above its mean, in standard deviations: more is not the noise's
+NOISIER = 6.0  # times the variance of the middle segment: luck does not reach so far, a glint or a shadow does
 LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
 
@@ -103,7 +99,7 @@ def fit_segments(
             pull += fit.pull_px
             _pool(scratch, width_row)
             found += 1
-    _share_noise(scratch.segments, found)
+    share_noise(scratch.segments, found)
     return pieces, found, contrast / max(found, 1), pull / max(found, 1)
 
 
@@ -116,91 +112,35 @@ def _pool(scratch: Scratch, width_row: int) -> None:
 
 
 @kernel
-def match_segments(
-    image: Image,
-    lens: Lens,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    normal: tuple[float, float],
-    row: int,
-    sign: float,
-    stride: int,
-    scratch: Scratch,
-) -> tuple[int, int, float]:
-    """As fit_segments, by the templates of one direction of sides, where both plateaus are wide enough."""
-    # Arrays are taken out of their tuples once: each time costs two atomic counts.
-    intrinsics, distortion, pooled = lens.intrinsics, lens.distortion, scratch.pooled
-    weight, scale, segments = scratch.templates.weight, scratch.templates.scale, scratch.segments
-    pixel, place = scratch.templates.pixel, scratch.templates.place
-    taps, cubic = scratch.templates.taps[row], scratch.templates.cubic[row]
-    length = math.hypot(end[0] - start[0], end[1] - start[1])
-    inset = inset_px(length, lens.blur_px) / length
-    span = (1.0 - 2.0 * inset) * length
-    pieces = int(min(float(SEGMENTS), max(2.0, span / SEGMENT_PX)))
-    stride = int(max(1.0, min(float(stride), span / SIDE_COLUMNS)))
-    u, v = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
-    _, _, xx, xy, yx, yy = distort_point(u, v, intrinsics, distortion)
-    det = xx * yy - xy * yx
-    gain_x = (yy * normal[0] - yx * normal[1]) / det
-    gain_y = (xx * normal[1] - xy * normal[0]) / det
-    vertical = abs(gain_y) > abs(gain_x)
-    gain = gain_y if vertical else gain_x
-    rising = sign if gain > 0.0 else -sign  # of the step along the image's axis, where cell and line are as expected
-    farthest, lens_px = lens.blur_px, math.sqrt(lens.blur_px**2 - PIXEL_VARIANCE)
-    found, contrast = 0, 0.0
-    x1, y1 = 0.0, 0.0
-    for piece in range(pieces + 1):
-        f = inset + (1.0 - 2.0 * inset) * piece / pieces
-        u, v = start[0] + f * (end[0] - start[0]), start[1] + f * (end[1] - start[1])
-        x0, y0 = x1, y1
-        x1, y1, _, _, _, _ = distort_point(u, v, intrinsics, distortion)
-        if piece == 0:
-            continue
-        count, columns = take_pixels(image, (x0, y0), (x1, y1), vertical, stride, taps, pixel, place)
-        sb, sbb, sbc, scc, rest, freedom, blur_num, blur_den = sum_columns(
-            pixel, place, count, weight, scale, row, taps
-        )
-        if count < LEAST_COLUMNS or 2 * count < columns or rising * sb <= MIN_CONTRAST * count:
-            continue
-        step = abs(sb) / count
-        shift = sbc / sbb
-        if rest > freedom * (NOISE_GATE * step) ** 2:
-            continue
-        variance = (scc - shift * sbc) / ((count - 1) * sbb)
-        shift += cubic * shift**3
-        away = gain * shift
-        segments[found, 0] = inset + (1.0 - 2.0 * inset) * (piece - 0.5) / pieces - 0.5
-        segments[found, 1] = min(max(away, -farthest), farthest)
-        segments[found, 2] = gain * gain * max(variance, 0.0)
-        segments[found, 3] = gain * gain / sbb
-        if abs(away) < PROBE_PX:
-            # To second order a shift looks like blur: the change with blur is blur times the second derivative.
-            pooled[BLUR, 0] += blur_num - blur_den * away * away / (2.0 * lens_px)
-            pooled[BLUR, 1] += blur_den
-        contrast += step
-        found += 1
-    _share_noise(segments, found)
-    return pieces, found, contrast / max(found, 1)
+def share_noise(segments: FloatArray, count: int) -> None:
+    """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
+
+    A segment has too few pixels to tell its noise: what is quiet by luck would weigh too much, and seem too good.
+    """
+    for i in range(count):
+        segments[i, 2] = segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0
+    limit = NOISIER * _middle(segments, count)
+    total, alike = 0.0, 0
+    for i in range(count):
+        if segments[i, 2] <= limit:
+            total += segments[i, 2]
+            alike += 1
+    for i in range(count):
+        own = total / alike if segments[i, 2] <= limit else segments[i, 2]
+        segments[i, 2] = segments[i, 3] * own + LEAST_VARIANCE
 
 
 @kernel
-def _share_noise(segments: FloatArray, count: int) -> None:
-    """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
-
-    A segment has too few columns to tell its noise: what is quiet by luck would weigh too much, and seem too good.
-    """
-    quietest = math.inf
+def _middle(segments: FloatArray, count: int) -> float:
+    """Noise, segments[:, 2], of the segment that as many are quieter than as are noisier; of two such the quieter's."""
     for i in range(count):
-        quietest = min(quietest, segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0)
-    total, alike = 0.0, 0
-    for i in range(count):
-        if segments[i, 2] <= NOISIER * quietest * segments[i, 3]:
-            total += segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0
-            alike += 1
-    for i in range(count):
-        if segments[i, 2] <= NOISIER * quietest * segments[i, 3]:
-            segments[i, 2] = segments[i, 3] * total / alike
-        segments[i, 2] += LEAST_VARIANCE
+        quieter, alike = 0, 0
+        for j in range(count):
+            quieter += segments[j, 2] < segments[i, 2]
+            alike += segments[j, 2] == segments[i, 2]
+        if quieter <= (count - 1) // 2 < quieter + alike:
+            return float(segments[i, 2])
+    return 0.0
 
 
 @kernel
@@ -231,9 +171,9 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
             r = segments[i, 1] - middle - slope * segments[i, 0]
             squares += r * r
             chi2 += r * r / segments[i, 2]
-            gate = max(SEGMENT_GATE_PX, 4.0 * math.sqrt(segments[i, 2]))
-            if abs(r) / gate > worst:
-                worst, which = abs(r) / gate, i
+            gate2 = max(SEGMENT_GATE_PX**2, 16.0 * segments[i, 2])
+            if r * r > worst * gate2:
+                worst, which = r * r / gate2, i
         if which < 0 or kept <= 2:
             break
         segments[which, 2] = -1.0
@@ -242,6 +182,6 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         return False, 0.0, 0.0, 0.0, 0.0
     # Scatter far beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends it.
     variance = s2 / det
-    if kept > 2 and chi2 > UNEXPLAINED * (kept - 2):
+    if kept > 2 and chi2 > kept - 2 + UNEXPLAINED * math.sqrt(2.0 * (kept - 2)):
         variance = max(variance * chi2 / (kept - 2), squares / kept)
     return True, middle, slope, variance, math.sqrt(squares / kept)

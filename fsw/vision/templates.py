@@ -1,196 +1,178 @@
-"""One side of a cell beside a wide line or a border: the edge's place in every column by matched templates.
+"""Templates of an edge beside a wide line or a border: its step, shift and blur from the pixels across it.
 
 Where the plateaus on either side of an edge are wider than the blur, the model of a few pixels across it is linear:
 level, step, shift and change of blur. For each place of the edge inside a pixel the model's orthonormal basis is
-tabulated once a tick, so a column of pixels costs a handful of products, and no equation is solved. The shift's
-estimate is the least-squares one: its variance is the Cramer-Rao bound of those pixels.
+tabulated once a tick, so that pixels cost a handful of products, and no equation is solved. Photons are counted, so a
+bright pixel has more noise than a dark one: pixels weigh by the inverse of their variance, whose ratio on the two
+plateaus the pixels themselves tell. The shift's estimate is then the best linear one (Gauss and Markov), and its
+variance the Cramer-Rao bound of those pixels (Kay, Fundamentals of Statistical Signal Processing I, ch. 4 and 6).
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import look_up
+from fsw.vision.lanes import LANES, SURE
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
-Image = NDArray[Any]
 
 PHASES = 32  # places of an edge inside a pixel; what is left over is accounted for exactly
-MAX_TAPS = 16  # pixels across an edge, at most
-JUDGED = 8  # every so many columns are asked for what the model leaves over
-COMMON_TAPS = 8  # of a sharp lens
-MAX_COLUMNS = 256  # of a segment
-STEP, SHIFT, BLURRING = 0, 1, 2  # the templates: orthogonal to a level and to each other
-PROBE_PX = 0.25  # a shift as large as this calibrates how far the linear model falls short
-REACH_SIGMAS, REACH_PX = 2.5, 2.0  # half the window: the blurred step, and what shows the plateaus
+STEP, SHIFT, BLURRING, LEVEL = 0, 1, 2, 3  # the templates, each blind to the others
+ACROSS = 3  # in Templates.scale: the shift's share along the step
+PROBE_PX = 0.25  # shifts as large as this, to either side, calibrate how far the linear model falls short
+REACH_SIGMAS, REACH_PX = 2.5, 2.0  # half the least window: the blurred step, and what shows the plateaus
+WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
+NOISE_RANGE = 12.0  # times as much variance on one plateau as on the other, at most
+INSIDE, LINE = 0, 1  # in Templates.noise
+MOST_SEGMENTS, SUMS = 6, 9
 
 
 class Templates(NamedTuple):
-    """Of the sides along X (0) and along Y (1) of one eye; taken once, filled every tick."""
+    """Of the sides along X (0) and along Y (1) of one eye; taken once, filled every tick.
 
-    weight: NDArray[np.float32]  # (2, PHASES, 3, MAX_TAPS) what gives step, step times shift, and blurring
+    Tables: the rows for pixels taken outwards (0, 1) and inwards (2, 3), see `table_of`. Pixels beyond taps weigh 0.
+    """
+
+    weight: NDArray[np.float32]  # (4, PHASES, 4, LANES) what gives step, step times shift, blurring and level
+    pixel_weight: NDArray[np.float32]  # (4, PHASES, LANES) of each pixel's square, 1 on the mean
     scale: FloatArray  # (2, PHASES, 4) lengths of step, shift and blurring, and the shift's share along the step
-    cubic: FloatArray  # (2,) a linear shift f means f + cubic f3
+    bent: FloatArray  # (2, 2) a linear shift f means f + bent[0] f2 + bent[1] f3
+    blurred: FloatArray  # (2,) and what an edge blurred by 1 px more seems shifted by
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
-    pixel: NDArray[np.float32]  # (MAX_COLUMNS, MAX_TAPS) one side's pixels, column by column,
-    place: FloatArray  # (MAX_COLUMNS,) the edge's expected place inside its pixel, in phases
+    noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
+    pixel: NDArray[np.float32]  # (LANES,) of the strip being matched
+    sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
 
 
 def make_templates() -> Templates:
     """Take the tables."""
     return Templates(
-        np.zeros((2, PHASES, 3, MAX_TAPS), np.float32),
+        np.zeros((4, PHASES, 4, LANES), np.float32),
+        np.zeros((4, PHASES, LANES), np.float32),
         np.zeros((2, PHASES, 4)),
+        np.zeros((2, 2)),
         np.zeros(2),
         np.zeros(2, np.int64),
-        np.zeros((MAX_COLUMNS, MAX_TAPS), np.float32),
-        np.zeros(MAX_COLUMNS),
+        np.zeros((2, 2)),
+        np.zeros(LANES, np.float32),
+        np.zeros((MOST_SEGMENTS, SUMS)),
     )
 
 
 @kernel
-def fill_templates(step: FloatArray, blur_px: float, gain: float, row: int, out: Templates) -> None:
-    """Fill the templates of one direction of sides.
+def table_of(row: int, outwards: bool) -> int:
+    """Which table serves a side whose pixels, in the image's order, are taken outwards or inwards."""
+    return row if outwards else row + 2
+
+
+@kernel
+def choose_taps(blur_px: float, gain: float, room_px: float) -> int:
+    """Pixels across an edge: more, where lines leave room_px of them on either side; 0 if the blur is too wide."""
+    least = max(math.ceil(REACH_SIGMAS * blur_px / gain + REACH_PX), SURE // 2)
+    half = min(max(math.floor(min(room_px, LANES)), least), least + WIDER_PX, LANES // 2)
+    return 2 * half if half >= least else 0
+
+
+@kernel
+def noise_ratio(noise: FloatArray) -> float:
+    """Variance of a pixel on the line over that of one on the cell; 1 before any has told it."""
+    if noise[INSIDE] <= 0.0:
+        return 1.0
+    return min(max(noise[LINE] / noise[INSIDE], 1.0 / NOISE_RANGE), NOISE_RANGE)
+
+
+@kernel
+def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float, row: int, out: Templates) -> None:
+    """Fill the templates of one direction of sides, by the noise that the last tick's pixels had there.
 
     step: the table of tabulate_step. blur_px: the whole blur. gain: distance from the edge per pixel across, > 0.
+    room_px: what the narrowest line leaves on either side of an edge.
     """
-    half = math.ceil(REACH_SIGMAS * blur_px / gain + REACH_PX)
-    if 2 * half > MAX_TAPS:
-        out.taps[row] = 0
+    ratio = noise_ratio(out.noise[row])
+    out.noise[row] = 0.0
+    out.taps[row] = taps = choose_taps(blur_px, gain, room_px)
+    if taps == 0:
         return
-    out.taps[row] = taps = 2 * half
-    basis = np.empty((3, MAX_TAPS))
-    probed, shifted = 0.0, np.empty(MAX_TAPS)
+    for table in (row, row + 2):
+        out.weight[table] = 0.0
+        out.pixel_weight[table] = 0.0
+    half = taps // 2
+    basis, ahead, behind, pixel = np.empty((4, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    probed_ahead, probed_behind, blurred = 0.0, 0.0, 0.0
     for phase in range(PHASES):
+        total = 0.0
         for k in range(taps):
-            x = k - (half - 1) - (phase + 0.5) / PHASES
-            value, slope, change = look_up(step, gain * x)
-            basis[STEP, k], basis[SHIFT, k], basis[BLURRING, k] = value, -gain * slope, change
-            shifted[k], _, _ = look_up(step, gain * (x - PROBE_PX))
-        along = 0.0
-        for i in range(3):
-            mean = 0.0
-            for k in range(taps):
-                mean += basis[i, k] / taps
-            for k in range(taps):
-                basis[i, k] -= mean
-            for j in range(i):
-                dot = 0.0
-                for k in range(taps):
-                    dot += basis[i, k] * basis[j, k]
-                for k in range(taps):
-                    basis[i, k] -= dot * basis[j, k]
-                if i == SHIFT:
-                    along = dot
-            squares = 0.0
-            for k in range(taps):
-                squares += basis[i, k] * basis[i, k]
-            length = math.sqrt(squares)
-            out.scale[row, phase, i] = length
-            for k in range(taps):
-                basis[i, k] /= length
+            x = gain * (k - (half - 1) - (phase + 0.5) / PHASES)
+            value, slope, change = look_up(step, x)
+            basis[STEP, k], basis[SHIFT, k], basis[BLURRING, k], basis[LEVEL, k] = value, -gain * slope, change, 1.0
+            ahead[k], _, _ = look_up(step, x - gain * PROBE_PX)
+            behind[k], _, _ = look_up(step, x + gain * PROBE_PX)
+            pixel[k] = 1.0 / (1.0 + (ratio - 1.0) * value)
+            total += pixel[k]
         scale, weight = out.scale[row, phase], out.weight[row, phase]
-        scale[3] = along
         for k in range(taps):
-            weight[SHIFT, k] = basis[SHIFT, k] / scale[SHIFT]
-            weight[STEP, k] = (basis[STEP, k] - along * weight[SHIFT, k]) / scale[STEP]
-            weight[BLURRING, k] = basis[BLURRING, k]
-        alpha, gamma = 0.0, 0.0
+            pixel[k] *= taps / total
+            out.pixel_weight[row, phase, k] = pixel[k]
+            basis[LEVEL, k] /= math.sqrt(taps)
+        change_along = _orthonormal(basis, pixel, taps, scale)
+        along = scale[ACROSS]
         for k in range(taps):
-            alpha += basis[STEP, k] * shifted[k]
-            gamma += basis[SHIFT, k] * shifted[k]
-        shift = gamma / scale[SHIFT]
-        probed += shift / ((alpha - shift * along) / scale[STEP]) / PHASES
-    out.cubic[row] = (PROBE_PX - probed) / probed**3
+            weight[SHIFT, k] = pixel[k] * basis[SHIFT, k] / scale[SHIFT]
+            weight[STEP, k] = (pixel[k] * basis[STEP, k] - along * weight[SHIFT, k]) / scale[STEP]
+            weight[BLURRING, k] = pixel[k] * basis[BLURRING, k]
+            weight[LEVEL, k] = pixel[k] * basis[LEVEL, k]
+        for k in range(taps):
+            out.pixel_weight[row + 2, phase, taps - 1 - k] = pixel[k]
+            for i in range(4):
+                out.weight[row + 2, phase, i, taps - 1 - k] = weight[i, k]
+        probed_ahead += _probe(weight, ahead, taps) / PHASES
+        probed_behind += _probe(weight, behind, taps) / PHASES
+        blurred += change_along / scale[SHIFT] / PHASES
+    # Two probes, two unknowns.
+    p, q = probed_ahead, probed_behind
+    det = p * p * q**3 - q * q * p**3
+    out.bent[row, 0] = ((PROBE_PX - p) * q**3 - (-PROBE_PX - q) * p**3) / det
+    out.bent[row, 1] = (p * p * (-PROBE_PX - q) - q * q * (PROBE_PX - p)) / det
+    out.blurred[row] = blurred
 
 
 @kernel
-def take_pixels(
-    image: Image,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    vertical: bool,
-    stride: int,
-    taps: int,
-    pixel: NDArray[np.float32],
-    place: FloatArray,
-) -> tuple[int, int]:
-    """Copy the pixels across a segment, column by column; returns how many there are in the image, and in all.
+def _orthonormal(basis: FloatArray, pixel: FloatArray, taps: int, scale: FloatArray) -> float:
+    """Make level, step, shift and blurring orthonormal under the pixels' weights, in this order (Gram and Schmidt).
 
-    start, end: image pixels. vertical: whether columns of pixels run along image columns. Copying first lets the
-    memory's latencies overlap.
+    Writes scale (4,); returns the share of blurring along the shift.
     """
-    a0, c0, a1, c1 = (start[0], start[1], end[0], end[1]) if vertical else (start[1], start[0], end[1], end[0])
-    limit_along, limit_across = (image.shape[1], image.shape[0]) if vertical else image.shape
-    slope = (c1 - c0) / (a1 - a0)
-    first, last = math.ceil(min(a0, a1)), math.floor(max(a0, a1))
-    count, columns = 0, 0
-    for a in range(first, last + 1, stride):
-        columns += 1
-        centre = c0 + (a - a0) * slope
-        base = math.floor(centre)
-        low = base - taps // 2 + 1
-        if a < 0 or a >= limit_along or low < 0 or low + taps > limit_across or count == MAX_COLUMNS:
-            continue
-        place[count] = (centre - base) * PHASES
-        if taps == COMMON_TAPS and vertical:  # loops of known length are unrolled
-            for k in range(COMMON_TAPS):
-                pixel[count, k] = image[low + k, a]
-        elif taps == COMMON_TAPS:
-            for k in range(COMMON_TAPS):
-                pixel[count, k] = image[a, low + k]
-        else:
+    share = 0.0
+    for i in range(3):
+        for m in range(-1, i):
+            j = LEVEL if m < 0 else m
+            dot = 0.0
             for k in range(taps):
-                pixel[count, k] = image[low + k, a] if vertical else image[a, low + k]
-        count += 1
-    return count, columns
+                dot += pixel[k] * basis[i, k] * basis[j, k]
+            for k in range(taps):
+                basis[i, k] -= dot * basis[j, k]
+            if i == SHIFT and j == STEP:
+                scale[ACROSS] = dot
+            if i == BLURRING and j == SHIFT:
+                share = dot
+        squares = 0.0
+        for k in range(taps):
+            squares += pixel[k] * basis[i, k] * basis[i, k]
+        scale[i] = math.sqrt(squares)
+        for k in range(taps):
+            basis[i, k] /= scale[i]
+    return share
 
 
 @kernel
-def sum_columns(
-    pixel: NDArray[np.float32],
-    place: FloatArray,
-    count: int,
-    weight: NDArray[np.float32],
-    scale: FloatArray,
-    row: int,
-    taps: int,
-) -> tuple[float, float, float, float, float, float, float, float]:
-    """Sums over a segment's columns of b, b2, bc, c2, where b is the step and c is b times the shift in pixels.
-
-    And, of every JUDGED-th column: squares that the model leaves over, their degrees of freedom, numerator and
-    denominator of the correction of the blur.
-    """
-    sb, sbb, sbc, scc = 0.0, 0.0, 0.0, 0.0
-    rest, freedom, blur_num, blur_den = 0.0, 0.0, 0.0, 0.0
-    for i in range(count):
-        phase = min(int(place[i]), PHASES - 1)
-        step, shift = np.float32(0.0), np.float32(0.0)
-        if taps == COMMON_TAPS:
-            for k in range(COMMON_TAPS):
-                step += weight[row, phase, STEP, k] * pixel[i, k]
-                shift += weight[row, phase, SHIFT, k] * pixel[i, k]
-        else:
-            for k in range(taps):
-                step += weight[row, phase, STEP, k] * pixel[i, k]
-                shift += weight[row, phase, SHIFT, k] * pixel[i, k]
-        b = float(step)
-        c = float(shift) - b * (place[i] - phase - 0.5) * (1.0 / PHASES)
-        sb, sbb, sbc, scc = sb + b, sbb + b * b, sbc + b * c, scc + c * c
-        if i % JUDGED == 0:
-            level, squares, blurring = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-            for k in range(taps):
-                p = pixel[i, k]
-                level += p
-                squares += p * p
-                blurring += weight[row, phase, BLURRING, k] * p
-            along = b * scale[row, phase, STEP] + shift * scale[row, phase, 3]
-            across, size = shift * scale[row, phase, SHIFT], b * scale[row, phase, BLURRING]
-            rest += squares - level * level / taps - along * along - across * across - blurring * blurring
-            freedom += taps - 4.0
-            blur_num += size * blurring
-            blur_den += size * size
-    return sb, sbb, sbc, scc, rest, freedom, blur_num, blur_den
+def _probe(weight: NDArray[np.float32], edge: FloatArray, taps: int) -> float:
+    """Linear shift that the templates make of an edge's pixels."""
+    step, shift = 0.0, 0.0
+    for k in range(taps):
+        step += weight[STEP, k] * edge[k]
+        shift += weight[SHIFT, k] * edge[k]
+    return shift / step

@@ -16,7 +16,7 @@ from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface
 from fsw.vision.quads import Cells, adapt, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.sides import Lens
-from fsw.vision.sizes import widen_odd_sizes
+from fsw.vision.sizes import TERMS, WORK, widen_odd_sizes
 from fsw.vision.standing_in import forget_size
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
@@ -27,7 +27,7 @@ START_PASSES = 2  # measurements that a start takes to settle them, corrections 
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """stride: measure every so many image columns of a long side.
+    """stride: the full fit takes every so many image columns of a long side.
 
     widest: a centre farther from the surface than this part of the smallest pitch is no cell, however much the others
     scatter: a view that took one row for the next would scatter more. blur_px: the lens's blur to start from
@@ -66,7 +66,7 @@ class Tracker:
         self._forget_sizes()
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
-        self._sizes = np.zeros((2, count, 3))
+        self._sizes = np.zeros((2, count + TERMS + 1, WORK))
         pitch = [panel.pitch_mm for panel in grid.panels]
         self._slip_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
         self._named_mm: tuple[float, float] | None = None  # where the wing was in its plane when its cells were named

@@ -1,0 +1,278 @@
+"""Sides matched by strips: sums of pixels exact; places without bias, at the bound of all pixels, and honest."""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+from test_vision_edges import table_of
+
+from fsw.vision.edges import make_scratch
+from fsw.vision.lanes import LANES
+from fsw.vision.matched import match_segments
+from fsw.vision.rig import distort_points, undistort_points
+from fsw.vision.sides import Lens, inset_px, share_noise, straight_side
+from fsw.vision.strips import (
+    follow,
+    four_columns,
+    four_rows,
+    one_column,
+    one_row,
+    place_at,
+    strip_columns,
+    two_columns,
+    two_rows,
+)
+from fsw.vision.templates import fill_templates
+from wingbeat.kernels import kernel
+
+FloatArray = np.ndarray[Any, np.dtype[np.float64]]
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+BLUR_PX = 0.6
+STRAIGHT, BARREL = np.zeros(5), np.array([-0.12, 0.03, 1e-3, -2e-3, 0.0])
+
+
+@kernel
+def every_strip(
+    image: np.ndarray[Any, Any],
+    row: np.uintp,
+    column: np.uintp,
+    taps: np.uintp,
+    weight: np.ndarray[Any, np.dtype[np.float32]],
+    sums: np.ndarray[Any, np.dtype[np.float32]],
+    products: FloatArray,
+) -> None:
+    """All six kinds of strips at one place of an image."""
+    one = np.uintp(1)
+    products[0] = one_column(image, row, column, taps, weight, one, one, sums[0])
+    products[1] = two_columns(image, row, column, taps, weight, one, one, sums[1])
+    products[2] = four_columns(image, row, column, taps, weight, one, one, sums[2])
+    products[3] = one_row(image, row, column, taps, weight, one, one, sums[3])
+    products[4] = two_rows(image, row, column, taps, weight, one, one, sums[4])
+    products[5] = four_rows(image, row, column, taps, weight, one, one, sums[5])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("taps", [8, 10, 12, 16])
+def test_strips_are_exact_sums_of_pixels_and_their_products(dtype: type, taps: int) -> None:
+    rng = np.random.default_rng(3)
+    image = rng.integers(0, np.iinfo(dtype).max + 1, (40, 50)).astype(dtype)
+    image[20:28, 20:30] = np.iinfo(dtype).max  # the largest sums fit
+    weight = rng.normal(size=(2, 2, 3, LANES)).astype(np.float32)
+    weight[..., taps:] = 0.0
+    # In the corner rows beyond the taps are outside the image.
+    for row, column in ((18, 19), (40 - taps, 50 - 4)):
+        sums, products = np.zeros((6, LANES), np.float32), np.zeros((6, 2))
+        every_strip(image, np.uintp(row), np.uintp(column), np.uintp(taps), weight, sums, products)
+        for kind in range(6 if column + LANES <= 50 else 3):
+            each = (1, 2, 4)[kind % 3]
+            if kind < 3:
+                true = image[row : row + taps, column : column + each].sum(axis=1, dtype=np.int64)
+            else:
+                true = image[row : row + each, column : column + taps].sum(axis=0, dtype=np.int64)
+            assert (sums[kind, :taps] == true).all()
+            assert products[kind] == pytest.approx(weight[1, 1, :2, :taps] @ true.astype(float), rel=1e-4)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A straight edge in ideal pixels, cell | line, as a lens with distortion shows it."""
+
+    start: tuple[float, float] = (60.3, 81.2)
+    end: tuple[float, float] = (260.9, 90.7)
+    outwards: float = 1.0  # the line lies on the side of the normal (ey, -ex), or on the other one
+    distortion: Any = None
+    grey: tuple[float, float] = (30.0, 175.0)
+    size: tuple[int, int] = (320, 300)
+
+    @property
+    def lens(self) -> Lens:
+        whole = float(np.sqrt(BLUR_PX**2 + 1.0 / 12.0))
+        distortion = STRAIGHT if self.distortion is None else self.distortion
+        return Lens(np.array([400.0, 400.0, 160.0, 150.0]), distortion, whole, table_of(BLUR_PX))
+
+    @property
+    def normal(self) -> tuple[float, float]:
+        e = np.subtract(self.end, self.start) / np.hypot(*np.subtract(self.end, self.start))
+        return float(self.outwards * e[1]), float(-self.outwards * e[0])
+
+    def light(self, away_px: float = 0.0) -> FloatArray:
+        """Grey values, the edge moved outwards: the lens's blur along the normal, the pixel's by integration."""
+        lens, (width, height) = self.lens, self.size
+        total = np.zeros((height, width))
+        x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+        for (p, wp), (q, wq) in product(zip(NODES, WEIGHTS, strict=True), repeat=2):
+            at = np.stack([(x + 0.5 * p).ravel(), (y + 0.5 * q).ravel()], axis=1)
+            ideal = undistort_points(at, lens.intrinsics, lens.distortion) if lens.distortion.any() else at
+            far = (ideal - np.array(self.start)) @ np.array(self.normal) - away_px
+            total += 0.25 * wp * wq * ndtr(far / BLUR_PX).reshape(height, width)
+        return self.grey[0] + (self.grey[1] - self.grey[0]) * total
+
+    def measure(self, image: Any, ratio: float = 1.0, room_px: float = 9.0) -> tuple[bool, float, float]:
+        """Whether the side is found, how far outwards, and its variance."""
+        scratch, lens = make_scratch(), self.lens
+        scratch.templates.noise[0] = 1.0, ratio
+        across = np.abs(np.subtract(self.end, self.start)).max() / np.hypot(*np.subtract(self.end, self.start))
+        fill_templates(lens.step, lens.blur_px, float(across), room_px, 0, scratch.templates)
+        sign = 1.0 if self.grey[1] > self.grey[0] else -1.0
+        pieces, found, _ = match_segments(image, lens, self.start, self.end, self.normal, 0, sign, scratch)
+        good, middle, _, variance, _ = straight_side(scratch.segments, found)
+        return good and 2 * found >= pieces, middle, variance
+
+
+LEVEL, STEEPER, STEEP = (260.9, 90.7), (250.2, 112.9), (210.4, 171.8)  # strips of 4, 2 and 1 columns
+
+
+def turned(end: tuple[float, float], quarter: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Start and end of an edge, turned by so many quarters about (160, 140)."""
+    points = []
+    for x, y in ((60.3, 81.2), end):
+        for _ in range(quarter):
+            x, y = 160.0 - (y - 140.0), 140.0 + (x - 160.0)
+        points.append((x, y))
+    return points[0], points[1]
+
+
+@pytest.mark.parametrize(("end", "each"), [(LEVEL, 4), (STEEPER, 2), (STEEP, 1)])
+def test_strips_have_as_many_columns_as_the_edges_drift_allows(end: tuple[float, float], each: int) -> None:
+    (x0, y0), (x1, y1) = turned(end, 0)
+    assert strip_columns((y1 - y0) / (x1 - x0), round(x1 - x0)) == each
+    assert strip_columns(0.0, 30) == 1  # too few pixels for wider ones
+
+
+@pytest.mark.parametrize("quarter", range(4))
+@pytest.mark.parametrize("outwards", [1.0, -1.0])
+@pytest.mark.parametrize("end", [LEVEL, STEEPER, STEEP])
+def test_an_edge_is_found_without_bias_whichever_way_it_lies(
+    end: tuple[float, float], outwards: float, quarter: int
+) -> None:
+    start, end = turned(end, quarter)
+    edge = Edge(start, end, outwards)
+    for away in (0.0, 0.08, -0.2):
+        image = np.round(100.0 * edge.light(away)).astype(np.uint16)
+        for ratio in (1.0, 6.0):
+            good, middle, _ = edge.measure(image, ratio)
+            assert good and middle == pytest.approx(away, abs=0.003 if away else 0.0015)
+
+
+@pytest.mark.parametrize("outwards", [1.0, -1.0])
+def test_a_lens_bends_the_side_and_the_strips_follow(outwards: float) -> None:
+    edge = Edge((30.0, 70.0), (290.0, 80.0), outwards, BARREL)
+    good, middle, _ = edge.measure(np.round(100.0 * edge.light()).astype(np.uint16))
+    assert good and abs(middle) < 0.003
+
+
+def test_the_parabola_keeps_to_the_distorted_line() -> None:
+    start, end = (30.0, 70.0), (290.0, 80.0)
+    edge = Edge(start, end, distortion=BARREL)
+    lens = edge.lens
+    vertical, gain, begin, stop, curve = follow(start, end, edge.normal, lens.intrinsics, lens.distortion)
+    share = np.linspace(0.0, 1.0, 41)[:, None]
+    x, y = distort_points(np.array(start) + share * np.subtract(end, start), lens.intrinsics, lens.distortion).T
+    assert (begin, stop) == pytest.approx((x[0], x[-1]))
+    bend = np.abs(y - np.interp(x, x[[0, -1]], y[[0, -1]])).max()
+    off = np.abs([place_at(curve, a) for a in x] - y).max()
+    assert vertical and bend > 0.5 and off < 0.02 * bend
+    at = distort_points(np.array([[160.0, 75.0]]), lens.intrinsics, lens.distortion)
+    (above,), (below,) = (
+        undistort_points(at + np.array([[0.0, h]]), lens.intrinsics, lens.distortion) for h in (0.5, -0.5)
+    )
+    assert gain == pytest.approx(float((above - below) @ np.array(edge.normal)), rel=1e-5)
+
+
+@pytest.mark.parametrize("bright", [True, False])
+@pytest.mark.parametrize(("end", "quarter"), [(LEVEL, 0), (LEVEL, 1), (STEEPER, 0), (STEEP, 3)])
+def test_photon_noise_scatters_the_side_as_told_and_near_the_bound_of_its_pixels(
+    end: tuple[float, float], quarter: int, bright: bool
+) -> None:
+    """White noise of variance 0.05 grey: as many photons as a sensor counts."""
+    start, end = turned(end, quarter)
+    edge = Edge(start, end, grey=(20.0, 200.0) if bright else (200.0, 20.0))
+    clean, rng, draws = edge.light(), np.random.default_rng(8), 150
+    variance = 0.05 * clean
+    found, told = [], []
+    for _ in range(draws):
+        noisy = np.round(16.0 * (clean + rng.normal(size=clean.shape) * np.sqrt(variance))).astype(np.uint16)
+        good, middle, own = edge.measure(noisy, 10.0 if bright else 0.1)
+        assert good
+        found.append(middle)
+        told.append(own)
+    spread = np.var(found, ddof=1)
+    assert np.mean(told) / spread == pytest.approx(1.0, abs=0.3)
+    # The bound of the columns' pixels that lie within the window, level and step unknown for each column.
+    vertical = quarter % 2 == 0
+    image, noise = (clean, variance) if vertical else (clean.T, variance.T)
+    ahead, behind = ((i if vertical else i.T) for i in (edge.light(0.01), edge.light(-0.01)))
+    (a0, c0), (a1, c1) = sorted((p if vertical else p[::-1]) for p in (start, end))
+    inset = inset_px(float(np.hypot(a1 - a0, c1 - c0)), edge.lens.blur_px) / np.hypot(a1 - a0, c1 - c0)
+    information = 0.0
+    for a in range(round(a0 + inset * (a1 - a0)), round(a1 - inset * (a1 - a0))):
+        low = int(np.floor(c0 + (a - a0) * (c1 - c0) / (a1 - a0))) - 5
+        window = slice(low, low + 12)
+        profile = (image[window, a] - edge.grey[0]) / (edge.grey[1] - edge.grey[0])
+        J = np.stack([np.ones(12), profile, (ahead - behind)[window, a] / 0.02], axis=1)
+        information += 1.0 / np.linalg.inv(J.T @ (J / noise[window, a][:, None]))[2, 2]
+    assert 0.75 < spread * information < 1.45
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_pixels_tell_the_ratio_of_their_noise(dtype: type) -> None:
+    edge, rng = Edge(), np.random.default_rng(2)
+    clean = edge.light()
+    scratch, lens = make_scratch(), edge.lens
+    sigma = np.where(clean > 100.0, 4.0, 2.0)
+    scale = 1.0 if dtype is np.uint8 else 200.0
+    noise = np.zeros(2)
+    for _ in range(40):
+        image = np.round(scale * (clean + rng.normal(size=clean.shape) * sigma)).astype(dtype)
+        fill_templates(lens.step, lens.blur_px, 1.0, 9.0, 0, scratch.templates)
+        match_segments(image, lens, edge.start, edge.end, edge.normal, 0, 1.0, scratch)
+        noise += scratch.templates.noise[0]
+    assert noise[1] / noise[0] == pytest.approx(4.0, rel=0.25)
+
+
+def test_a_hot_row_across_the_strips_moves_the_side_by_less_than_its_sigma() -> None:
+    """Along image rows a hot row runs through one strip: a constant, to which the templates are blind."""
+    start, end = turned(LEVEL, 1)
+    edge, rng = Edge(start, end), np.random.default_rng(5)
+    image = np.clip(edge.light() + rng.normal(0.0, 1.5, (300, 320)), 0, 255).astype(np.uint8)
+    _, before, variance = edge.measure(image)
+    image[150] = 255
+    good, after, _ = edge.measure(image)
+    assert good and abs(after - before) < np.sqrt(variance)
+
+
+def test_what_is_no_edge_or_outside_the_image_is_not_found() -> None:
+    edge = Edge()
+    image = np.full((300, 320), 80, np.uint8)
+    assert not edge.measure(image)[0]
+    inverse = Edge(grey=(175.0, 30.0))
+    assert not edge.measure(np.round(inverse.light()).astype(np.uint8))[0]
+    light = np.round(edge.light()).astype(np.uint8)
+    assert edge.measure(light)[0]
+    for cut in (light[:84], light[78:], light[:, :120], np.ascontiguousarray(light[:, 200:])):
+        assert not edge.measure(np.ascontiguousarray(cut))[0]
+
+
+@pytest.mark.parametrize("quarter", range(4))
+def test_at_the_images_rim_nothing_beyond_it_is_read(quarter: int) -> None:
+    """The image is the end of a larger one, whose rest is bright: results are those of the image alone."""
+    start, end = turned(LEVEL, quarter)
+    edge = Edge(start, end)
+    light = np.round(edge.light()).astype(np.uint8)
+    low, high = np.minimum(start, end).astype(int) - 7, np.maximum(start, end).astype(int) + 8
+    shown = light[: high[1], : high[0]]
+    whole = np.full((high[1] + 40) * high[0], 255, np.uint8)
+    whole[: shown.size] = shown.ravel()
+    assert edge.measure(whole[: shown.size].reshape(shown.shape)) == edge.measure(np.ascontiguousarray(shown))
+    assert low.min() > 0
+
+
+def test_a_noisy_segment_keeps_its_noise_and_the_others_share_theirs() -> None:
+    segments = np.zeros((6, 4))
+    segments[:, 2], segments[:, 3] = [1.0, 1.4, 0.6, 1.0, 40.0, 1.0], 0.5
+    share_noise(segments, 6)
+    assert segments[[0, 1, 2, 3, 5], 2] == pytest.approx(np.full(5, 1.0))
+    assert segments[4, 2] == pytest.approx(40.0)
