@@ -15,6 +15,9 @@ from fsw.vision.edges import (
     BIN_PX,
     BINS,
     BLUR,
+    CROSS,
+    OWN,
+    RIGHT,
     WIDTH,
     EdgeFit,
     Scratch,
@@ -30,6 +33,7 @@ from fsw.vision.standing_in import forget_size
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 
 PIXEL_VARIANCE = 1.0 / 12.0
+QUIET = np.array([PIXEL_VARIANCE, 0.0])  # noise of rounding alone
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 
@@ -132,7 +136,7 @@ class Profile:
             (scratch.number, np.ones_like(x)),
         ):
             sums[:] = np.bincount(place, weights, BINS)
-        return fit_profile(scratch, step, self.width_px, self.whole_px)
+        return fit_profile(scratch, step, QUIET, self.width_px, self.whole_px, True)
 
 
 def test_an_edge_is_found_without_bias() -> None:
@@ -163,16 +167,22 @@ def test_its_variance_is_honest_and_near_the_cramer_rao_bound(width_px: float, b
     assert 0.8 < spread / profile.bound_px2(noise) < 1.3
 
 
-def test_pooled_corrections_point_to_the_true_blur_and_width() -> None:
-    profile = Profile(width_px=3.0, blur_px=0.8)
-    values, scratch = profile.values(profile.places()), make_scratch()
-    profile.fit(scratch, table_of(0.7), values)
-    numerator, denominator = scratch.fresh[BLUR]
-    assert 0.73 < 0.7 + numerator / denominator < 0.83
-    narrow, scratch = Profile(width_px=2.85, blur_px=0.8), make_scratch()
-    narrow.fit(scratch, table_of(0.8), profile.values(narrow.places()))
-    numerator, denominator = scratch.fresh[WIDTH]
-    assert 1.003 < 1.0 + numerator / denominator < 1.06
+@pytest.mark.parametrize(("blur_px", "width_px"), [(0.8, 3.0), (0.7, 2.85), (0.76, 3.06), (0.74, 2.0)])
+def test_blur_and_width_are_corrected_together_whatever_the_edges_own_unknowns_do(
+    blur_px: float, width_px: float
+) -> None:
+    """Told 0.7 px and 3 px (2 px), the pooled step leads to the true ones, up to its square."""
+    told = 3.0 if width_px > 2.5 else 2.0
+    seen, scratch = Profile(width_px=width_px, blur_px=blur_px), make_scratch()
+    guess = Profile(width_px=told, blur_px=0.7)
+    fit = guess.fit(scratch, table_of(0.7), seen.values(guess.places()))
+    fresh = scratch.fresh
+    matrix = np.array([[fresh[BLUR, OWN], fresh[WIDTH, CROSS]], [fresh[WIDTH, CROSS], fresh[WIDTH, OWN]]])
+    by_blur, by_width = np.linalg.solve(matrix, fresh[[BLUR, WIDTH], RIGHT])
+    true = np.array([blur_px - 0.7, width_px / told - 1.0])
+    assert np.abs([by_blur, by_width] - true).max() < 0.003 + 0.25 * np.abs(true).max()
+    moved = fit.offset_px + fit.blur_pull * by_blur + fit.width_pull_px * by_width
+    assert abs(moved - seen.offset_px) < 0.003 + 0.1 * np.abs(true).max()
 
 
 def test_what_is_no_edge_is_not_fitted() -> None:
@@ -182,20 +192,20 @@ def test_what_is_no_edge_is_not_fitted() -> None:
     far = Profile(offset_px=5.0, width_px=0.0)
     assert not far.fit(make_scratch(), table_of(0.7), far.values(x)).good
     empty = make_scratch()
-    assert not fit_profile(empty, table_of(0.7), 0.0, 0.76).good
+    assert not fit_profile(empty, table_of(0.7), QUIET, 0.0, 0.76, True).good
 
 
 def test_pixels_are_gathered_whole_and_only_those_in_the_image() -> None:
     image = np.arange(40 * 30, dtype=np.uint16).reshape(40, 30)
     scratch = make_scratch()
-    assert gather(image, ((5.0, 20.0), (14.0, 20.0)), 1.0, True, (3.0, 4.0), 1, scratch)
+    assert gather(image, ((5.0, 20.0), (14.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch)
     columns, rows = np.arange(5, 15), np.arange(17, 25)
     assert scratch.number.sum() == len(columns) * len(rows)
     assert scratch.total.sum() == image[np.ix_(rows, columns)].sum()
     assert scratch.place.sum() == pytest.approx(len(columns) * (rows - 20).sum())
-    assert not gather(image, ((5.0, 38.0), (14.0, 38.0)), 1.0, True, (3.0, 4.0), 1, scratch)
+    assert not gather(image, ((5.0, 38.0), (14.0, 38.0)), 1.0, True, (3.0, 4.0), 1, True, scratch)
     assert scratch.number.sum() == len(columns) * 5  # rows 35 to 39
-    assert not gather(image, ((-90.0, 20.0), (-80.0, 20.0)), 1.0, True, (3.0, 4.0), 1, scratch)
+    assert not gather(image, ((-90.0, 20.0), (-80.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch)
     assert scratch.number.sum() == 0
 
 
@@ -249,11 +259,16 @@ class Sheet:
         return cv2.perspectiveTransform(np.array(flat).reshape(1, -1, 2), self.H)[0]
 
     def measure(
-        self, image: np.ndarray[Any, Any], expected: FloatArray, dark: bool = True, wanted: Any = True
+        self,
+        image: np.ndarray[Any, Any],
+        expected: FloatArray,
+        dark: bool = True,
+        wanted: Any = True,
+        noise: FloatArray = QUIET,
     ) -> Cells:
         cells, scratch = make_cells(9), make_scratch()
         whole = float(np.sqrt(self.blur_px**2 + PIXEL_VARIANCE))
-        lens = Lens(np.array([1000.0, 1000.0, 100.0, 80.0]), np.zeros(5), whole, table_of(self.blur_px))
+        lens = Lens(np.array([1000.0, 1000.0, 100.0, 80.0]), np.zeros(5), whole, table_of(self.blur_px), noise)
         ratio = np.array([(p - c) / c for p, c in zip(self.pitch_mm, self.cell_mm, strict=True)])
         bordering = np.array([[j == 0, i == 2, j == 2, i == 0] for i in range(3) for j in range(3)])
         measure_cells(
@@ -267,6 +282,7 @@ LEVEL = np.array([[1.5, 0.06, 22.3], [-0.05, 1.6, 26.4], [0.0, 0.0, 1.0]])
 TILTED = np.array([[1.55, 0.35, 18.3], [-0.2, 1.7, 44.4], [2e-4, 1.5e-4, 1.0]])
 STEEP = np.array([[1.65, 0.35, 18.3], [-0.25, 1.9, 50.4], [7e-4, 5e-4, 1.0]])  # 3 % of scale across a cell
 UPSIDE_DOWN = np.array([[-1.5, 0.06, 215.0], [-0.05, -1.6, 140.0], [0.0, 0.0, 1.0]])
+COARSE = np.array([[2.1, 0.06, 32.3], [-0.02, 2.5, 30.6], [0.0, 0.0, 1.0]])
 MIRRORED = np.array([[-1.5, 0.06, 212.0], [0.05, 1.6, 20.0], [0.0, 0.0, 1.0]])
 MIDDLE = 4
 
@@ -358,6 +374,37 @@ def test_cells_at_and_beyond_the_rim_are_right_or_not_found(shift: tuple[float, 
     assert np.isnan(cells.corners_px[~found]).all()
 
 
+@pytest.mark.parametrize("hot", [(82,), (83,), (84,), (85, 86), (88,), (90,)])
+def test_hot_rows_along_a_side_do_not_pull_it(hot: tuple[int, ...]) -> None:
+    """The middle cell's upper side rises from row 84 to row 83, its line is 5 px wide; rows 86 to 90 cross others."""
+    sheet = Sheet(COARSE, size=(330, 220))
+    truth, image = sheet.corners_px(), sheet.draw()
+    image[list(hot)] = 255
+    cells = sheet.measure(image, truth + 0.2)
+    assert cells.whole[MIDDLE]
+    assert np.abs(cells.corners_px - truth)[MIDDLE].max() < 0.02
+
+
+def test_a_line_that_is_saturated_all_over_is_not_taken_for_hot_rows() -> None:
+    sheet = Sheet(LEVEL)
+    image = np.clip(1.6 * sheet.draw(np.uint16) / 200.0, 0.0, 255.0).astype(np.uint8)
+    assert (image == 255).mean() > 0.05
+    cells = sheet.measure(image, sheet.corners_px() + 0.2)
+    assert cells.whole.all()
+    assert np.abs(cells.centre_px - sheet.centres_px())[MIDDLE].max() < 0.02
+
+
+@pytest.mark.parametrize("beyond_px", [1.5, 2.0, 2.5, 3.0, 4.0])
+def test_a_side_whose_line_the_rim_cuts_is_not_pulled(beyond_px: float) -> None:
+    sheet = Sheet(LEVEL)
+    truth, image = sheet.corners_px(), sheet.draw(np.uint16)
+    rim = int(np.ceil(truth[MIDDLE, 1:3, 0].max() + beyond_px))
+    wanted = np.arange(9) < 6
+    cells = sheet.measure(np.ascontiguousarray(image[:, :rim]), truth, wanted=wanted)
+    assert cells.whole[MIDDLE]
+    assert np.abs(cells.centre_px - sheet.centres_px())[MIDDLE].max() < 0.01
+
+
 def test_only_wanted_cells_are_measured_and_results_do_not_linger() -> None:
     sheet = Sheet(LEVEL)
     image, expected = sheet.draw(over=6), sheet.corners_px()
@@ -373,7 +420,7 @@ def scatter() -> tuple[FloatArray, FloatArray, FloatArray]:
     means, centres, told = [], [], []
     for _ in range(120):
         noisy = np.clip(clean + rng.normal(0.0, 600.0, clean.shape), 0, 65535).astype(np.uint16)
-        cells = sheet.measure(noisy, expected)
+        cells = sheet.measure(noisy, expected, noise=np.array([600.0**2, 0.0]))
         means.append(cells.corners_px.mean(axis=1))
         centres.append(cells.centre_px)
         told.append(cells.covariance_px2)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.edges import BLUR, SEGMENTS, FloatArray, Image, Scratch
+from fsw.vision.edges import BLUR, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.lanes import LANES
 from fsw.vision.sides import MIN_CONTRAST, NOISE_GATE, Lens, inset_px, share_noise
 from fsw.vision.strips import (
@@ -186,8 +186,8 @@ def match_segments(
         if abs(away) < PROBE_PX:
             # To second order a shift looks like blur: the change with blur is blur times the second derivative.
             off = away * away / (2.0 * lens_px) + wider
-            pooled[BLUR, 0] += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
-            pooled[BLUR, 1] += sums[piece, BLUR_DEN] / each
+            pooled[BLUR, RIGHT] += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
+            pooled[BLUR, OWN] += sums[piece, BLUR_DEN] / each
         contrast += step
         found += 1
     share_noise(segments, found)

@@ -44,6 +44,22 @@ def side_normal(c: FloatArray, k: int) -> tuple[float, float, float]:
 
 
 @kernel
+def sample_lean(c: FloatArray, k: int, far: int) -> float:
+    """How fast, in px for a px, samples across side k of a quadrangle c (4, 2) near the side from it to corner `far`.
+
+    Samples run along image columns or rows, whichever is steeper on the side.
+    """
+    k1 = (k + 1) % 4
+    tx, ty = c[k1, 0] - c[k, 0], c[k1, 1] - c[k, 1]
+    near = k1 if far == (k + 2) % 4 else k
+    ex, ey = c[far, 0] - c[near, 0], c[far, 1] - c[near, 1]
+    # Along the side for a px across it: of the side that leads away, and of the samples.
+    side = (ex * tx + ey * ty) / (ex * ty - ey * tx)
+    sample = -ty / tx if abs(tx) > abs(ty) else tx / ty
+    return abs(side - sample)
+
+
+@kernel
 def extent_across(c: FloatArray, k: int, nx: float, ny: float) -> float:
     """Extent of a cell of corners c (4, 2) from side k to the side across, along side k's outward normal."""
     k1, k2, k3 = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4

@@ -6,7 +6,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.edges import BIN_PX, BINS, MAX_WALK_PX, WIDTH_ALONG_X, WIDTH_ALONG_Y, FloatArray, Image, Scratch
+from fsw.vision.edges import (
+    BIN_PX,
+    BINS,
+    BLUR,
+    COMMON,
+    CROSS,
+    MAX_WALK_PX,
+    OWN,
+    POOLED_ROWS,
+    RIGHT,
+    WIDTH_ALONG_X,
+    WIDTH_ALONG_Y,
+    FloatArray,
+    Image,
+    Scratch,
+)
+from fsw.vision.hot import find_hot_rows, runs_along_hot_row
 from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
     OWN_SHARE,
@@ -17,6 +33,7 @@ from fsw.vision.perspective import (
     least_plateau,
     line_width,
     mean_gain,
+    sample_lean,
     side_normal,
 )
 from fsw.vision.sides import Lens, fit_segments, straight_side
@@ -30,8 +47,6 @@ RECENTRE_PX = 0.35  # a side found farther off than this is measured again round
 RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
-BLUR_RANGE_PX = (0.15, 4.0)
-WIDTH_RANGE = (0.7, 1.4)
 FLOOR_PX = 0.0005  # no side is known better than this: what quantisation leaves
 
 
@@ -41,6 +56,7 @@ class Cells(NamedTuple):
     corners_px: FloatArray  # (N, 4, 2)
     centre_px: FloatArray  # (N, 2) crossing of the diagonals: the projection of the cell's centre
     covariance_px2: FloatArray  # (N, 3) of the centre: xx, xy, yy
+    pull: FloatArray  # (N, COMMON, 2) what 1 px more blur, and lines so many times wider, would move the centre by
     residual_px: FloatArray  # (N,) rms of the segments about their straight sides
     contrast: FloatArray  # (N,) line minus cell, grey values
     found: NDArray[np.bool_]  # (N,)
@@ -54,6 +70,7 @@ def make_cells(count: int) -> Cells:
         np.full((count, 4, 2), nan),
         np.full((count, 2), nan),
         np.full((count, 3), nan),
+        np.zeros((count, COMMON, 2)),
         np.full(count, nan),
         np.full(count, nan),
         np.zeros(count, dtype=np.bool_),
@@ -94,8 +111,12 @@ def measure_cells(
         room = plateau - FAR_SIGMAS * lens.blur_px - MATCHED_PX
         fill_templates(lens.step, lens.blur_px, gain, room, row, scratch.templates)
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((3, 2))
-    middle, slope, variance, pull, weight = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    intrinsics, distortion = lens.intrinsics, lens.distortion
+    hot = np.zeros(image.shape[0], np.bool_)
+    find_hot_rows(image, hot)
+    flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((POOLED_ROWS, 3))
+    middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
+    by_blur, by_width, weight, cross = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
         out.found[n] = out.whole[n] = False
         out.corners_px[n] = np.nan
@@ -137,8 +158,11 @@ def measure_cells(
             # Templates need half a window of plateau on either side.
             half = 0.5 * scratch.templates.taps[k % 2]
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
+            plain = plain and not runs_along_hot_row(hot, intrinsics, distortion, c[k], c[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
-            pull[k], weight[k] = 0.0, scratch.pooled[row, 1]
+            lean = 0.0 if plain else max(sample_lean(c, k, k3), sample_lean(c, k, k2))
+            by_blur[k], by_width[k] = 0.0, 0.0
+            weight[k], cross[k] = scratch.pooled[row, OWN], scratch.pooled[row, CROSS]
             m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
                 a, b = m - 0.5 * s, m + 0.5 * s
@@ -149,7 +173,7 @@ def measure_cells(
                         image, lens, start, end, (nx[k], ny[k]), k % 2, sign, scratch
                     )
                 else:
-                    pieces, found, side_contrast, pull[k] = fit_segments(
+                    pieces, found, side_contrast, by_blur[k], by_width[k] = fit_segments(
                         image,
                         lens,
                         start,
@@ -157,6 +181,7 @@ def measure_cells(
                         (nx[k], ny[k]),
                         (inner, outer),
                         bar,
+                        inner * lean,
                         row,
                         sign,
                         stride,
@@ -175,7 +200,7 @@ def measure_cells(
                 if hidden > 1:
                     break
                 continue
-            weight[k] = scratch.pooled[row, 1] - weight[k]
+            weight[k], cross[k] = scratch.pooled[row, OWN] - weight[k], scratch.pooled[row, CROSS] - cross[k]
             middle[k], slope[k], variance[k] = m, s, v + FLOOR_PX * FLOOR_PX
             squares += r * r
             contrast += side_contrast
@@ -188,8 +213,9 @@ def measure_cells(
             for k in range(2):
                 k2 = k + 2
                 grown = (middle[k] + middle[k2]) / extents[k]
-                middle[k], middle[k2] = middle[k] + pull[k] * grown, middle[k2] + pull[k2] * grown
-                scratch.pooled[1 + k, 0] -= grown * (weight[k] + weight[k2])
+                middle[k], middle[k2] = middle[k] + by_width[k] * grown, middle[k2] + by_width[k2] * grown
+                scratch.pooled[1 + k, RIGHT] -= grown * (weight[k] + weight[k2])
+                scratch.pooled[BLUR, RIGHT] -= grown * (cross[k] + cross[k2])
                 measured, noise = extents[k] + middle[k] + middle[k2], variance[k] + variance[k2]
                 add_size(size, k, extent_across(flat, k, nx[k], ny[k]), measured, noise, sizes)
         else:
@@ -198,11 +224,23 @@ def measure_cells(
             expected = extent_across(flat, k, nx[k], ny[k])
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], middle[k2], variance[k2])
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
+            by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
         _corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
+        out.pull[n] = 0.0
+        for k in range(4):
+            gx, gy = centre_share(nx, ny, k)
+            _add_pull(out.pull[n, BLUR], gx * by_blur[k], gy * by_blur[k])
+            _add_pull(out.pull[n, WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y], gx * by_width[k], gy * by_width[k])
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
     learn_size(size, sizes)
+
+
+@kernel
+def _add_pull(pull: FloatArray, x: float, y: float) -> None:
+    pull[0] += x
+    pull[1] += y
 
 
 @kernel
@@ -252,15 +290,3 @@ def _corners_and_centre(
     x, y = crossing(c)
     out.centre_px[n, 0] = x + 0.25 * (corners[:, 0].sum() - c[:, 0].sum())
     out.centre_px[n, 1] = y + 0.25 * (corners[:, 1].sum() - c[:, 1].sum())
-
-
-@kernel
-def adapt(pooled: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
-    """Take over part of the corrections that all edges of one eye agree on."""
-    if pooled[0, 1] > 0.0:
-        blur = blur_px[eye] + share * pooled[0, 0] / pooled[0, 1]
-        blur_px[eye] = min(max(blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
-    for i in range(2):
-        if pooled[1 + i, 1] > 0.0:
-            width = width_scale[eye, i] + share * pooled[1 + i, 0] / pooled[1 + i, 1]
-            width_scale[eye, i] = min(max(width, WIDTH_RANGE[0]), WIDTH_RANGE[1])

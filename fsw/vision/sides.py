@@ -3,8 +3,13 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from fsw.vision.edges import (
     BLUR,
+    COMMON,
+    OWN,
+    RIGHT,
     SEGMENTS,
     WIDTH,
     FloatArray,
@@ -13,6 +18,7 @@ from fsw.vision.edges import (
     fit_profile,
     gather,
 )
+from fsw.vision.hot import LEAST_LINE_PX
 from fsw.vision.rig import distort_point
 from wingbeat.kernels import kernel
 
@@ -27,18 +33,25 @@ SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and
 
 
 class Lens(NamedTuple):
-    """One eye: fx, fy, cx, cy; k1 k2 p1 p2 k3; its whole blur in pixels, and the table of a blurred step."""
+    """One eye: fx, fy, cx, cy; k1 k2 p1 p2 k3; its whole blur in pixels, the table of a blurred step, and its noise.
+
+    noise (2,): variance of a pixel, at grey value 0 and its growth with the grey value.
+    """
 
     intrinsics: FloatArray
     distortion: FloatArray
     blur_px: float
     step: FloatArray
+    noise: FloatArray
 
 
 @kernel
-def inset_px(length_px: float, blur_px: float) -> float:
-    """How much of a side is left out at either end, where the corner's blur is seen."""
-    return min(0.25 * length_px, max(3.0 * blur_px + 1.0, 0.06 * length_px))
+def inset_px(length_px: float, blur_px: float, lean_px: float = 0.0) -> float:
+    """How much of a side is left out at either end, where the corner's blur is seen.
+
+    lean_px: by how much the samples across the side come nearer to a corner at their ends, as the sides there lean.
+    """
+    return min(0.25 * length_px, max(3.0 * blur_px + 1.0 + lean_px, 0.06 * length_px))
 
 
 @kernel
@@ -50,22 +63,26 @@ def fit_segments(
     normal: tuple[float, float],
     window_px: tuple[float, float],
     widths_px: tuple[float, float],
+    lean_px: float,
     width_row: int,
     sign: float,
     stride: int,
     scratch: Scratch,
-) -> tuple[int, int, float, float]:
+) -> tuple[int, int, float, float, float]:
     """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast.
 
-    And the mean of what a wider line would change (see EdgeFit). widths_px: of the line, at both ends; 0: none.
+    And the means of what more blur and a wider line would change (see EdgeFit). widths_px: of the line, at both ends;
+    0: none. lean_px: see inset_px.
     """
     blur = lens.blur_px
     length = math.hypot(end[0] - start[0], end[1] - start[1])
-    inset = inset_px(length, blur)
+    inset = inset_px(length, blur, lean_px)
     pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
-    found, contrast, pull = 0, 0.0, 0.0
+    wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
+    misfit = np.zeros(SEGMENTS)
+    found, contrast, by_blur, by_width = 0, 0.0, 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
         f1 = (inset + (length - 2.0 * inset) * (piece + 1) / pieces) / length
@@ -81,34 +98,34 @@ def fit_segments(
         vertical = abs(gain_y) > abs(gain_x)
         gain = gain_y if vertical else gain_x
         ends = ((x0, y0), (x1, y1))
-        whole = gather(image, ends, gain, vertical, window_px, stride, scratch)
+        whole = gather(image, ends, gain, vertical, window_px, stride, wide or not vertical, scratch)
         width = widths_px[0] + 0.5 * (f0 + f1) * (widths_px[1] - widths_px[0])
-        if not whole and width > 0.0:
-            # The line's far side may lie outside the image: judge by its near side alone.
-            near = (window_px[0], max(width - 1.5 * blur, 0.5 * width))
-            gather(image, ends, gain, vertical, near, stride, scratch)
-            width = 0.0
-        fit = fit_profile(scratch, lens.step, width, blur)
+        fit = fit_profile(scratch, lens.step, lens.noise, width, blur, whole)
         step = sign * (fit.line - fit.inside)
         if fit.good and step > MIN_CONTRAST and fit.residual < NOISE_GATE * step:
             scratch.segments[found, 0] = 0.5 * (f0 + f1) - 0.5
             scratch.segments[found, 1] = fit.offset_px
             scratch.segments[found, 2] = fit.variance_px2
-            scratch.segments[found, 3] = fit.variance_px2 / fit.residual**2 if fit.residual > 0.0 else 0.0
+            scratch.segments[found, 3] = fit.expected_px2
+            misfit[found] = fit.misfit_px2
             contrast += step
-            pull += fit.pull_px
+            by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
             _pool(scratch, width_row)
             found += 1
     share_noise(scratch.segments, found)
-    return pieces, found, contrast / max(found, 1), pull / max(found, 1)
+    for i in range(found):  # what is quieter than the eye's noise is so by luck
+        scratch.segments[i, 2] = max(scratch.segments[i, 2], scratch.segments[i, 3]) + misfit[i]
+    return pieces, found, contrast / max(found, 1), by_blur / max(found, 1), by_width / max(found, 1)
 
 
 @kernel
 def _pool(scratch: Scratch, width_row: int) -> None:
     """Add what the last edge says of blur and width to what all do."""
-    for i in range(2):
+    for i in range(3):
         scratch.pooled[BLUR, i] += scratch.fresh[BLUR, i]
         scratch.pooled[width_row, i] += scratch.fresh[WIDTH, i]
+        for row in range(2):
+            scratch.pooled[COMMON + row, i] += scratch.fresh[2 + row, i]
 
 
 @kernel

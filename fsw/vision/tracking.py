@@ -9,20 +9,22 @@ from numpy.typing import NDArray
 from fsw.vision.approach import Approach
 from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
 from fsw.vision.bow import make_bow, unbend
-from fsw.vision.edges import FloatArray, Image, make_scratch
+from fsw.vision.edges import COMMON, FloatArray, Image, make_scratch
 from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
 from fsw.vision.grid import CellGrid
 from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
-from fsw.vision.quads import Cells, adapt, make_cells, measure_cells
+from fsw.vision.quads import Cells, make_cells, measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
+from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
 from fsw.vision.sides import Lens
 from fsw.vision.sizes import TERMS, WORK, widen_odd_sizes
-from fsw.vision.standing_in import forget_size
+from fsw.vision.standing_in import SHAPE_SIGMA, forget_size
 from fsw.vision.stereo import Points, make_points, triangulate_cells
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
 SLIP = 0.5  # of the pitch: a wing that has moved farther in its plane since it was named may be one cell off
-START_PASSES = 2  # measurements that a start takes to settle them, corrections taken over whole
+START_PASSES = 8  # measurements that a start takes, at most, until they are settled: corrections taken over whole,
+SETTLED = 2e-3  # the last one's smaller than this, in px of blur and relative width
 
 
 @dataclass(frozen=True)
@@ -62,10 +64,12 @@ class Tracker:
         self.distance_mm = np.full(count, np.nan)
         self.blur_px = np.full(2, options.blur_px)
         self.width_scale = np.ones((2, 2))
+        self.noise = np.zeros((2, 2))
         self.cell_size = np.zeros((2, 2, 2))
         self._forget_sizes()
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
+        self._correction = np.zeros((2, COMMON))  # of blur and widths, as this tick's edges have it
         self._sizes = np.zeros((2, count + TERMS + 1, WORK))
         pitch = [panel.pitch_mm for panel in grid.panels]
         self._slip_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
@@ -102,8 +106,11 @@ class Tracker:
             self.measure(left, right)
             self.both_found()
             found = self.reconstruct(self.both)
+            if np.abs(self._correction).max() < SETTLED:
+                break
         self._adaptation = ADAPTATION
         self._named_mm = self._in_plane_mm
+        self.cell_size[:, :, 1] = SHAPE_SIGMA**2  # one pair does not show what they scatter by from tick to tick
         return found
 
     def adopt(self, scout: "Tracker") -> None:
@@ -115,10 +122,12 @@ class Tracker:
         self.blur_px[:] = scout.blur_px
         self.width_scale[:] = scout.width_scale
         self.cell_size[:] = scout.cell_size
+        self.noise[:] = scout.noise
 
     def _forget_sizes(self) -> None:
         for eye in (0, 1):
             forget_size(self.cell_size[eye])
+            self.noise[eye] = LEAST_NOISE, 0.0
 
     def measure(self, left: Image, right: Image) -> None:
         """Find all cells near where they are expected in both images."""
@@ -209,7 +218,7 @@ class Tracker:
         blur = float(self.blur_px[eye])
         tabulate_step(blur, self._steps[eye])
         whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
-        lens = Lens(self.eyes.intrinsics[eye], self.eyes.distortion[eye], whole, self._steps[eye])
+        lens = Lens(self.eyes.intrinsics[eye], self.eyes.distortion[eye], whole, self._steps[eye], self.noise[eye])
         measure_cells(
             image,
             lens,
@@ -226,4 +235,7 @@ class Tracker:
             self.cells[eye],
         )
         widen_odd_sizes(self.expected_px[eye], self.deviation_px[eye], self._sizes[eye], self.cells[eye])
-        adapt(self._scratch[eye].pooled, self._adaptation, self.blur_px, self.width_scale, eye)
+        correct(self._scratch[eye].pooled, self._correction[eye])
+        widen_unsettled(self._correction[eye], self.cells[eye])
+        learn_noise(self._scratch[eye].pooled, self.noise[eye])
+        adapt(self._correction[eye], self._adaptation, self.blur_px, self.width_scale, eye)

@@ -1,0 +1,63 @@
+"""Hot rows: rows of the sensor that read full scale whatever falls on them. Their pixels are no measurement.
+
+A pixel at full scale is theirs where no more than HOT_RUN rows side by side are: a saturated line or glint is wider.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.vision.rig import FloatArray, distort_point
+from wingbeat.kernels import kernel
+
+BoolArray = NDArray[np.bool_]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+HOT_RUN = 2  # rows side by side that may be hot
+LEAST_LINE_PX = HOT_RUN + 2.0  # of a line along rows, that it should not look like hot rows itself
+
+
+@kernel
+def full_scale(image: Image) -> int:
+    """Largest value of an 8 or 16 bit pixel."""
+    return 255 if image.itemsize == 1 else 65535
+
+
+@kernel
+def is_hot(image: Image, x: int, y: int) -> bool:
+    """Whether a pixel is a hot row's."""
+    full = full_scale(image)
+    if image[y, x] < full:
+        return False
+    run = 1
+    for way in (-1, 1):
+        at = y + way
+        while 0 <= at < image.shape[0] and run <= HOT_RUN and image[at, x] >= full:
+            run, at = run + 1, at + way
+    return run <= HOT_RUN
+
+
+@kernel
+def find_hot_rows(image: Image, hot: BoolArray) -> None:
+    """Mark the rows (h,) that read full scale in three places from side to side."""
+    height, width = image.shape
+    full = full_scale(image)
+    for y in range(height):
+        hot[y] = image[y, width // 4] >= full and image[y, width // 2] >= full and image[y, 3 * width // 4] >= full
+
+
+@kernel
+def runs_along_hot_row(
+    hot: BoolArray, intrinsics: FloatArray, distortion: FloatArray, start: FloatArray, end: FloatArray, reach_px: float
+) -> bool:
+    """Whether a hot row lies nearer than reach_px to a side between two ideal points that runs along rows.
+
+    One that crosses a side spoils a single sample across it, in which no step is seen.
+    """
+    x0, y0, _, _, _, _ = distort_point(start[0], start[1], intrinsics, distortion)
+    x1, y1, _, _, _, _ = distort_point(end[0], end[1], intrinsics, distortion)
+    first, last = int(max(min(y0, y1) - reach_px, 0.0)), int(min(max(y0, y1) + reach_px, hot.shape[0] - 1.0))
+    count = 0
+    if abs(y1 - y0) <= abs(x1 - x0):
+        for y in range(first, last + 1):
+            count += hot[y]
+    return count > 0

@@ -1,0 +1,77 @@
+"""What all edges of an eye have in common, the blur and the widths of the lines: brought up to date every tick.
+
+All good edges' normal equations for them are added up, each edge's own grey values and offset eliminated, so blur and
+widths are found together. What they are still wrong by pulls sides: the two sides of a cell across each other alike, so
+that its centre stays, unless one of them is a border. As long as they settle, the centres' covariance says so.
+"""
+
+from fsw.vision.edges import BLUR, COMMON, CROSS, OWN, RIGHT, FloatArray
+from fsw.vision.quads import Cells
+from wingbeat.kernels import kernel
+
+BLUR_RANGE_PX = (0.15, 4.0)
+WIDTH_RANGE = (0.7, 1.4)
+LEAST_NOISE = 1.0 / 12.0  # grey values squared
+LINEAR = 0.05  # of a blur that is wrong: what it pulls centres by beyond what the models, linear in it, know
+
+
+@kernel
+def correct(pooled: FloatArray, step: FloatArray) -> None:
+    """Write the step (COMMON,) by which blur (px) and widths (relative) are wrong, as pooled (COMMON, 3) has them.
+
+    Widths are coupled to the blur alone: each is eliminated, then the blur found, then the widths. What no edge tells
+    of stays.
+    """
+    right, own = pooled[BLUR, RIGHT], pooled[BLUR, OWN]
+    for i in range(BLUR + 1, COMMON):
+        if pooled[i, OWN] > 0.0:
+            right -= pooled[i, CROSS] / pooled[i, OWN] * pooled[i, RIGHT]
+            own -= pooled[i, CROSS] / pooled[i, OWN] * pooled[i, CROSS]
+    step[:] = 0.0
+    if own > 0.0:
+        step[BLUR] = right / own
+    for i in range(BLUR + 1, COMMON):
+        if pooled[i, OWN] > 0.0:
+            step[i] = (pooled[i, RIGHT] - pooled[i, CROSS] * step[BLUR]) / pooled[i, OWN]
+
+
+@kernel
+def learn_noise(pooled: FloatArray, noise: FloatArray) -> None:
+    """Write noise (2,), variance of a pixel and its growth with the grey value, as the edges' residuals have it.
+
+    Shot noise makes it grow; rounding leaves no less than LEAST_NOISE. Without edges it stays.
+    """
+    n0, n1, n2 = pooled[COMMON]
+    t0, t1, _ = pooled[COMMON + 1]
+    det = n0 * n2 - n1 * n1
+    if det <= 1e-9 * n0 * n2:
+        return
+    growth = (n0 * t1 - n1 * t0) / det
+    at_zero = (t0 - n1 * growth) / n0
+    if at_zero < LEAST_NOISE:
+        at_zero, growth = LEAST_NOISE, (t1 - LEAST_NOISE * n1) / n2
+    if growth < 0.0:
+        at_zero, growth = max(t0 / n0, LEAST_NOISE), 0.0
+    noise[0], noise[1] = at_zero, growth
+
+
+@kernel
+def adapt(step: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
+    """Take over a share of the step (COMMON,) in the blur_px (2,) and width_scale (2, 2) of one eye."""
+    blur_px[eye] = min(max(blur_px[eye] + share * step[BLUR], BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
+    for i in range(BLUR + 1, COMMON):
+        width_scale[eye, i - 1] = min(max(width_scale[eye, i - 1] + share * step[i], WIDTH_RANGE[0]), WIDTH_RANGE[1])
+
+
+@kernel
+def widen_unsettled(step: FloatArray, out: Cells) -> None:
+    """Widen the covariance of found cells by what a step (COMMON,) still to be taken would move their centres by."""
+    wrong = LINEAR * step[BLUR]
+    for n in range(len(out.found)):
+        if not out.found[n]:
+            continue
+        x, y = 0.0, 0.0
+        for i in range(COMMON):
+            x, y = x + out.pull[n, i, 0] * step[i], y + out.pull[n, i, 1] * step[i]
+        C = out.covariance_px2[n]
+        C[0], C[1], C[2] = C[0] + x * x + wrong * wrong, C[1] + x * y, C[2] + y * y + wrong * wrong
