@@ -8,8 +8,6 @@ import numpy as np
 from fsw.vision.edges import (
     BLUR,
     COMMON,
-    OWN,
-    RIGHT,
     SEGMENTS,
     WIDTH,
     FloatArray,
