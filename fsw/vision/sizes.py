@@ -14,9 +14,8 @@ from wingbeat.kernels import kernel
 GATE_SIGMAS = 5.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
 EVEN_PX = 0.25  # as much as sizes differ evenly; what is farther off has no say in what is even
-EVEN_SHARE = 0.1  # of what differs evenly, by which that is known: the wing's bending has higher terms
 TERMS = 6  # 1, u, v, u2, uv, v2
-WORK = 5 + TERMS  # columns of the working memory
+WORK = 4 + TERMS  # columns of the working memory
 _LEAST = 3 * TERMS  # cells that tell a curvature; fewer tell the mean
 _ROUNDS = 5  # trend and scatter of the sizes, each time without those that are odd
 _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do not tell it
@@ -43,7 +42,7 @@ def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: Flo
             C = out.covariance_px2[n]
             # The extent is the difference of two sides, the centre their mean: four times the variance.
             own = 4.0 * (C[0] * nx * nx + 2.0 * C[1] * nx * ny + C[2] * ny * ny)
-            if off * off > GATE_SIGMAS**2 * max(own, scatter * scatter, (EVEN_SHARE * work[n, 4]) ** 2):
+            if off * off > GATE_SIGMAS**2 * max(own, scatter * scatter):
                 if abs(off) > ODD_PX:
                     out.found[n] = out.whole[n] = False
                 wider = 0.5 * off * off
@@ -68,26 +67,26 @@ def _compare(expected_px: FloatArray, deviation_px: FloatArray, axis: int, work:
         work[n, 0] -= extent_across(e, axis, nx, ny) - extent_across(d, axis, nx, ny)
         work[n, 1], work[n, 2] = nx, ny
         u, v = 0.5 * (e[0, 0] + e[2, 0]), 0.5 * (e[0, 1] + e[2, 1])
-        work[n, 6], work[n, 7] = u, v
+        work[n, 5], work[n, 6] = u, v
         u0, u1, v0, v1 = min(u0, u), max(u1, u), min(v0, v), max(v1, v)
         count += 1
     half = max(0.5 * (u1 - u0), 0.5 * (v1 - v0), 1.0)
     for n in range(len(expected_px)):
-        u, v = (work[n, 6] - 0.5 * (u0 + u1)) / half, (work[n, 7] - 0.5 * (v0 + v1)) / half
-        work[n, 5], work[n, 6], work[n, 7], work[n, 8], work[n, 9], work[n, 10] = 1.0, u, v, u * u, u * v, v * v
+        u, v = (work[n, 5] - 0.5 * (u0 + u1)) / half, (work[n, 6] - 0.5 * (v0 + v1)) / half
+        work[n, 4], work[n, 5], work[n, 6], work[n, 7], work[n, 8], work[n, 9] = 1.0, u, v, u * u, u * v, v * v
     return count
 
 
 @kernel
 def _even(work: FloatArray, cells: int, terms: int) -> float:
-    """Write to work[:, 3] what of the sizes work[:, 0] is even across the view, to work[:, 4] its part beyond the mean.
+    """Write to work[:, 3] what of the sizes work[:, 0] changes evenly across the view; returns the others' scatter.
 
-    Returns the scatter about it. The rows behind the cells' are the normal equations. Sizes far from the trend are left
-    out, round by round; the first one is the mean, so that a row of wrong sides at the rim does not bend it.
+    The rows behind the cells' are the normal equations. Sizes far from the trend are left out, round by round; the
+    first one is the mean, so that a row of wrong sides at the rim does not bend it.
     """
     scatter, limit = 0.0, math.inf
     for n in range(cells):
-        work[n, 3] = work[n, 4] = 0.0
+        work[n, 3] = 0.0
     for turn in range(_ROUNDS):
         used = 1 if turn == 0 else terms
         A, b = work[cells : cells + used, :used], work[cells + TERMS, :used]
@@ -96,9 +95,9 @@ def _even(work: FloatArray, cells: int, terms: int) -> float:
         for n in range(cells):
             if abs(work[n, 0] - work[n, 3]) <= limit:
                 for i in range(used):
-                    b[i] += work[n, 5 + i] * work[n, 0]
+                    b[i] += work[n, 4 + i] * work[n, 0]
                     for j in range(i + 1):
-                        A[i, j] += work[n, 5 + i] * work[n, 5 + j]
+                        A[i, j] += work[n, 4 + i] * work[n, 4 + j]
         for i in range(1, used):
             A[i, i] += _HOLD
         if A[0, 0] < 3.0 or not solve(A, b, used):
@@ -107,12 +106,12 @@ def _even(work: FloatArray, cells: int, terms: int) -> float:
         for n in range(cells):
             trend = 0.0
             for i in range(1, used):
-                trend += b[i] * work[n, 5 + i]
-            trend = min(max(trend, -EVEN_PX), EVEN_PX)
-            off = work[n, 0] - b[0] - trend
+                trend += b[i] * work[n, 4 + i]
+            trend = b[0] + min(max(trend, -EVEN_PX), EVEN_PX)
+            off = work[n, 0] - trend
             if abs(work[n, 0] - work[n, 3]) <= limit:
                 squares, count = squares + off * off, count + 1
-            work[n, 3], work[n, 4] = b[0] + trend, trend
+            work[n, 3] = trend
         scatter = math.sqrt(squares / count)
         limit = min(GATE_SIGMAS * scatter, EVEN_PX)
     return scatter
