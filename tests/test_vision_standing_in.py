@@ -10,6 +10,7 @@ from fsw.vision.standing_in import (
     LEAST_SIGMA,
     RIM,
     SHAPE_SIGMA,
+    SLOPE,
     SUMS,
     add_size,
     forget_size,
@@ -68,7 +69,7 @@ def test_the_variance_of_a_centre_between_a_side_and_its_stand_in_is_what_errors
     centres, claimed = [], 0.0
     for extent, e in zip(true, error, strict=True):
         across = 0.25 + e  # the side across lies 0.25 px farther out than looked for
-        middle, variance = stand_in(size, 0, False, expected, looked, across, side_px**2)
+        middle, variance = stand_in(size, 0, False, expected, looked, across, side_px**2, 0.0)
         centres.append(0.5 * (middle - across) - 0.5 * (extent - looked - 2.0 * 0.25))
         claimed = 0.25 * (variance + side_px**2)
     assert np.mean(centres) == pytest.approx(0.0, abs=3e-4)
@@ -77,6 +78,8 @@ def test_the_variance_of_a_centre_between_a_side_and_its_stand_in_is_what_errors
 
 def test_a_side_that_something_covers_is_believed_as_little_as_what_is_told() -> None:
     size = np.array([[1.001, 2e-4**2], [1.0, 2e-3**2]])
-    assert stand_in(size, 0, True, 80.0, 80.0, 0.0, 1e-4)[1] == pytest.approx(3e-4 + (SHAPE_SIGMA * 80.0) ** 2)
-    assert stand_in(size, 1, True, 80.0, 80.0, 0.0, 1e-4)[1] == pytest.approx(3e-4 + (2e-3 * 80.0) ** 2)
-    assert stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4)[1] == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2)
+    assert stand_in(size, 0, True, 80.0, 80.0, 0.0, 1e-4, 0.0)[1] == pytest.approx(3e-4 + (SHAPE_SIGMA * 80.0) ** 2)
+    assert stand_in(size, 1, True, 80.0, 80.0, 0.0, 1e-4, 0.0)[1] == pytest.approx(3e-4 + (2e-3 * 80.0) ** 2)
+    assert stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4, 0.0)[1] == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2)
+    askew = stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4, 0.5)[1]
+    assert askew == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2 + (0.5 * SLOPE * 80.0) ** 2)

@@ -47,6 +47,7 @@ RECENTRE_PX = 0.35  # a side found farther off than this is measured again round
 RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
+WORST_PX = 0.3  # a side less sure than this is as good as hidden
 FLOOR_PX = 0.0005  # no side is known better than this: what quantisation leaves
 
 
@@ -188,7 +189,7 @@ def measure_cells(
                         scratch,
                     )
                 ok, dm, ds, v, r = straight_side(scratch.segments, found)
-                ok = ok and 2 * found >= pieces
+                ok = ok and 2 * found >= pieces and v < WORST_PX * WORST_PX
                 if not ok:
                     break
                 m, s = m + dm, s + ds
@@ -222,7 +223,9 @@ def measure_cells(
             k, k1, k2 = which, (which + 1) % 4, (which + 2) % 4
             covered = is_inside(image, lens, c[k, 0], c[k, 1]) and is_inside(image, lens, c[k1, 0], c[k1, 1])
             expected = extent_across(flat, k, nx[k], ny[k])
-            middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], middle[k2], variance[k2])
+            away = 2.0 * (depth[k] + depth[k1] - depth[k2] - depth[(k + 3) % 4]) / depth.sum()
+            tilt, across = away * intrinsics[0] / expected, (middle[k2], variance[k2])
+            middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
         _corners_and_centre(c, nx, ny, middle, slope, variance, n, out)

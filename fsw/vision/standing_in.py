@@ -16,6 +16,7 @@ SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share, as told, an
 LEAST_SIGMA = 1e-4  # the size is known no better than this, however little the cells scatter,
 RIM = 2.0  # and is off by so many times as much as theirs
 LEAST_CELLS = 12
+SLOPE = 2e-3  # that the surface may have wrong at the rim beside a fold: a cell seen askew changes its extent with it
 SUMS = 4  # of a direction: cells, sum and squares of their shares beyond the known one, variance that noise explains
 
 
@@ -66,14 +67,16 @@ def stand_in(
     extent_px: float,
     across_px: float,
     variance_px2: float,
+    tilt: float,
 ) -> tuple[float, float]:
     """Where a hidden side stands outwards of where it was looked for, and its variance.
 
     covered: whether all of it should be in the image.
+    tilt: tangent of the angle by which the cell is seen askew along this extent.
     expected_px: the cell's extent by the surface; extent_px: by where its sides were looked for; across_px,
     variance_px2: of the side across, outwards. The centre moves by all of that side's error e: by half of e with the
     side itself, by half with what stands in. The variance is such that both, added as if independent, give that.
     """
     share2 = max(size[row, 1], SHAPE_SIGMA * SHAPE_SIGMA) if covered else size[row, 1]
-    sigma2 = share2 * expected_px * expected_px
+    sigma2 = (share2 + SLOPE * SLOPE * tilt * tilt) * expected_px * expected_px
     return size[row, 0] * expected_px - extent_px - across_px, 3.0 * variance_px2 + sigma2
