@@ -53,6 +53,8 @@ PAIR_DEVIATIONS = 4.0
 CERTAIN_LINE_SHARE = 0.95
 LARGEST_LINE_SHARE = 0.9
 LEAST_LINE_GAIN = 4.0
+# The same ratio against a free decay: what one explains as well is no stationary response.
+LEAST_FALL_GAIN = 0.0
 # Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, if it appears in so many orders
 # and if it does not, and its least height over the floor beside it.
 LEAST_GAIN = 20.0
@@ -120,12 +122,17 @@ def departs(share: float, deviations: float) -> bool:
     return share > LARGEST_DEPARTURE and deviations > DEPARTURE_DEVIATIONS
 
 
-def ambient_flags(damping_ratio: float, damping_sigma: float, peak: Peak, line_gain: float, orders: int) -> list[str]:
-    """Flags of a mode in stationary response: a steady line, damping unknown, a peak that noise makes as well.
+def ambient_flags(
+    damping_ratio: float, damping_sigma: float, peak: Peak, line_gain: float, fall_gain: float, orders: int
+) -> list[str]:
+    """Flags of a mode in stationary response: a steady line, a decay, damping unknown, a peak that noise makes as well.
 
-    line_gain: twice the log likelihood ratio of the mode against a steady line. orders: that the mode appears in.
+    line_gain, fall_gain: twice the log likelihood ratio of the mode against a steady line, and against a free decay.
+    orders: that the mode appears in.
     """
     flags = []
+    if fall_gain < LEAST_FALL_GAIN:
+        flags.append("not_exponential")
     line = line_gain < LEAST_LINE_GAIN or peak.line_share > CERTAIN_LINE_SHARE
     if line or (peak.line_share > LARGEST_LINE_SHARE and line_gain < LEAST_GAIN):
         flags.append("harmonic")

@@ -10,6 +10,7 @@ from fsw.modal.realisation import continuous, poles_of_order, realise
 from fsw.modal.refinement import Fit, project
 from fsw.modal.remainder import tallest
 from fsw.modal.result import Options
+from fsw.modal.uncertainty import departure
 
 FloatArray = NDArray[np.float64]
 
@@ -18,10 +19,12 @@ FloatArray = NDArray[np.float64]
 _MATTERS, _EXPLAINED = 0.05, 0.9
 _LEFT_OVER = 0.1
 # One mode of a random response may fall by chance as if it were free, but then others go on. A fit of so many cycles
-# that explains less than this about its own frequencies must not leave a peak elsewhere as it was: farther away than
-# this share of each frequency, so high over the median, and with this share left.
-_MANY_CYCLES, _WHOLE = 50.0, 0.95
+# that explains less than this about its own frequencies, or in some stretch leaves so much of a mode's amplitude at the
+# start, must not leave a peak elsewhere as it was: farther away than this share of each frequency, so high over the
+# median, with this share left, and with at least so much of its energy in each of so many parts of the record.
+_MANY_CYCLES, _WHOLE, _TORN = 50.0, 0.95, 0.3
 _ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
+_PARTS, _THERE = 3, 0.1
 # A record of many cycles of its tallest peak is looked at before it is fitted: exponentials in so many coordinates must
 # leave less than this share of the energy over the noise about the peak, within this share of its frequency.
 _GLANCE, _PLAINLY_RANDOM, _ABOUT = 4, 0.2, 0.1
@@ -87,19 +90,29 @@ def convincing(
         return False
     left, whole = (even_grid(time_s, series, rate_hz) for series in (plain.residual, moving))
     hz = fit.poles.imag / (2.0 * np.pi)
-    doubtful = float(np.max(hz)) * float(time_s[-1]) > _MANY_CYCLES and bool(np.any(coherence[matters] < _WHOLE))
-    if doubtful and _others_go_on(left, whole, hz, rate_hz):
+    doubtful = bool(np.any(coherence[matters] < _WHOLE))
+    doubtful |= any(departure(time_s, fit, int(j))[0] > _TORN for j in np.flatnonzero(matters))
+    many = float(np.max(hz)) * float(time_s[-1]) > _MANY_CYCLES
+    if many and doubtful and _others_go_on(left, whole, hz, rate_hz):
         return False
     return tallest(left) < _LEFT_OVER * tallest(whole)
 
 
 def _others_go_on(left: FloatArray, whole: FloatArray, hz: FloatArray, rate_hz: float) -> bool:
-    """Whether the tallest peak away from the frequencies hz (m,) is left as it was; left, whole (N, p): even grids."""
+    """Whether the tallest peak away from the frequencies hz (m,) is left as it was, and in each part of the record.
+
+    left, whole (N, p): even grids. What a second blow starts is left as well, but dies out.
+    """
     # Hann's window: leakage of the strong mode must not bury the others.
     window = np.hanning(len(whole))[:, None]
-    before, after = (np.sum(np.abs(np.fft.rfft(y * window, axis=0)) ** 2, axis=1) for y in (whole, left))
+    before, after = (_spectrum(y * window).sum(axis=1) for y in (whole, left))
     grid_hz = np.fft.rfftfreq(len(whole), 1.0 / rate_hz)
     apart = np.all(np.abs(grid_hz[:, None] - hz) > _ELSEWHERE * hz, axis=1) & (grid_hz > _ELSEWHERE * float(np.max(hz)))
     peak = int(np.argmax(np.where(apart, before, 0.0)))
     high = bool(apart[peak] and before[peak] > _HIGH * float(np.median(before)))
-    return high and bool(after[peak] > _AS_IT_WAS * before[peak])
+    if not high or after[peak] <= _AS_IT_WAS * before[peak]:
+        return False
+    X = np.fft.rfft(left, axis=0)
+    X[np.abs(grid_hz - grid_hz[peak]) > _ELSEWHERE * grid_hz[peak]] = 0.0
+    parts = [float(np.sum(part**2)) for part in np.array_split(np.fft.irfft(X, len(left), axis=0), _PARTS)]
+    return min(parts) > _THERE * sum(parts)

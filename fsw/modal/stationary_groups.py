@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.clustering import Candidate
-from fsw.modal.gates import LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
+from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.stationary_likelihood import Band, Group, band_of, first_guess, half_band_hz, most_likely, without
 from fsw.modal.stationary_posterior import Estimate, posterior
@@ -36,12 +36,15 @@ _FAR = 3.0
 
 @dataclass(frozen=True)
 class Refined:
-    """A candidate with frequency, damping and shape by likelihood, their deviations, and the gain over a line."""
+    """A candidate with frequency, damping and shape by likelihood, their deviations, and the gains over a steady line
+    and over a free decay.
+    """
 
     candidate: Candidate
     frequency_sigma_hz: float
     damping_sigma: float
     line_gain: float
+    fall_gain: float
 
 
 def real_shape(shape: ComplexArray) -> FloatArray:
@@ -160,7 +163,9 @@ def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, and whether one is
     # a line is left to what a line explains.
     sigma, rate = group.sigmas[mode], float(group.decay_rate[mode])
-    return Estimate(float(group.frequency_hz[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, LEAST_LINE_GAIN)
+    return Estimate(
+        float(group.frequency_hz[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, LEAST_LINE_GAIN, LEAST_FALL_GAIN
+    )
 
 
 def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Refined:
@@ -170,4 +175,6 @@ def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Ref
     # What the subspace method sees no decay of is a line unless the likelihood is sure.
     decays = candidate.damping_ratio > 0.0 or estimate.line_gain > LEAST_GAIN
     line_gain = estimate.line_gain if decays else 0.0
-    return Refined(better, estimate.frequency_sigma_hz, estimate.decay_rate_sigma / abs(s), line_gain)
+    return Refined(
+        better, estimate.frequency_sigma_hz, estimate.decay_rate_sigma / abs(s), line_gain, estimate.fall_gain
+    )

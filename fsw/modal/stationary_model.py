@@ -20,35 +20,29 @@ def envelope(
 ) -> FloatArray:
     """d, a, b (1, 3, K) of the covariance diag(d) - a a^T + b b^T of a mode's Fourier coefficients at band_hz (K,).
 
-    With slopes (3, 3, K): these, and their slopes by frequency and by ln decay rate. A displacement under white force
-    has the correlation Re((1 - i g) exp((i w - decay_rate) |t|)), g = decay_rate / w. With p_k = (decay_rate +
-    i (w_k - w)) T, r_k = (decay_rate - i (w_k + w)) T and c = exp((i w - decay_rate) T), its double integral over the
-    record is Re((1 - i g) (diag(1 / p + 1 / r) - (1 - c) (p^-1 p^-T + r^-1 r^-T))); the last term is too small to keep.
+    With slopes (3, 3, K): these, and their slopes by frequency and by ln decay rate. With p_k = (decay_rate +
+    i (w_k - w)) T and c = exp((i w - decay_rate) T), the double integral of exp(-decay_rate |t - s|) over the record is
+    diag(2 Re 1 / p) - 2 Re((1 - c) (1 / p) (1 / p)^T). That is a unit envelope's. A displacement driven by white force
+    has the pole at -w as well: its coefficients are 2 w / (w_k + w) times as large, steeper above the peak than below.
     """
     parts = np.empty((3 if slopes else 1, 3, len(band_hz)))
     turn, decay = 2.0 * np.pi * duration_s, decay_rate * duration_s
-    w = turn * frequency_hz
-    tilt = 1.0 - 1j * decay / w
-    c = np.exp(complex(-decay, w))
-    ends = np.sqrt(2.0 * (1.0 - c) * tilt)
-    by_frequency = ((1.0 - c) * (1.0 - tilt) / w - 1j * c * tilt) * turn / ends
-    by_decay = (decay * c * tilt - (1.0 - c) * (1.0 - tilt)) / ends
-    whole = decay**2 + w**2
+    c = np.exp(complex(-decay, turn * frequency_hz))
+    ends = np.sqrt(2.0 * (1.0 - c))
+    by_frequency, by_decay = -1j * turn * c / ends, decay * c / ends
     for k in range(len(band_hz)):
-        off, across = turn * band_hz[k] - w, turn * band_hz[k] + w
-        near, far = decay**2 + off**2, decay**2 + across**2
-        d = 8.0 * decay * whole / (near * far)
+        off, far = turn * (band_hz[k] - frequency_hz), band_hz[k] + frequency_hz
+        weight, slope = 2.0 * frequency_hz / far, band_hz[k] / (frequency_hz * far)
+        square = decay**2 + off**2
         one = 1.0 / complex(decay, off)
-        e = ends * one
+        d, e = 2.0 * decay / square * weight**2, weight * ends * one
         parts[0, 0, k], parts[0, 1, k], parts[0, 2, k] = d, e.real, e.imag
         if not slopes:
             continue
-        f = (by_frequency + 1j * turn * e) * one
-        g = (by_decay - decay * e) * one
-        parts[1, 0, k] = 2.0 * d * turn * (w / whole + off / near - across / far)
-        parts[2, 0, k] = d * (1.0 + 2.0 * decay**2 * (1.0 / whole - 1.0 / near - 1.0 / far))
-        parts[1, 1, k], parts[1, 2, k] = f.real, f.imag
-        parts[2, 1, k], parts[2, 2, k] = g.real, g.imag
+        f = weight * by_frequency * one + (1j * turn * one + slope) * e
+        g = (weight * by_decay - decay * e) * one
+        parts[1, 0, k], parts[1, 1, k], parts[1, 2, k] = 2.0 * d * (turn * off / square + slope), f.real, f.imag
+        parts[2, 0, k], parts[2, 1, k], parts[2, 2, k] = d * (1.0 - 2.0 * decay**2 / square), g.real, g.imag
     return parts
 
 

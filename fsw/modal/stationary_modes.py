@@ -139,7 +139,7 @@ def _mode(
     candidate = entry.candidate
     pole, f, zeta = candidate.pole, candidate.frequency_hz, candidate.damping_ratio
     flags = common_flags(f, entry.frequency_sigma_hz, zeta, pole.coherence, coordinates.rate_hz, duration_s)
-    flags += ambient_flags(zeta, entry.damping_sigma, peak, entry.line_gain, candidate.count)
+    flags += ambient_flags(zeta, entry.damping_sigma, peak, entry.line_gain, entry.fall_gain, candidate.count)
     if split:
         flags.append("split")
     shape = (basis @ real_shape(pole.shape)).astype(np.complex128)

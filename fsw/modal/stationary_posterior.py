@@ -24,19 +24,25 @@ _REACH, _NOISE_REACH = 5.0, 2.0
 # than _VAGUE may be anything down to a line's.
 _LEAST_SPREAD, _MOST_SPREAD, _VAGUE, _MOST_NOISE_SPREAD = 0.05, 0.7, 0.3, 1.5
 _SLOWEST = 0.03
-# Zooms on the frequency of a steady line.
-_ZOOMS, _ZOOM = 3, 0.1
+# Exponents by which a sinusoid that is steady, and one that is not, fall over the record; zooms on them and on its
+# frequency.
+_STEADY, _FALLING = np.array([1e-3]), np.geomspace(0.25, 32.0, 7)
+_ZOOMS, _ZOOM = 6, 0.3
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Frequency in Hz and decay rate in 1/s with deviations; line_gain: 2 ln of the likelihood over a line's."""
+    """Frequency in Hz and decay rate in 1/s with deviations.
+
+    line_gain: 2 ln of the likelihood over a steady line's; fall_gain: over that of any sinusoid that falls.
+    """
 
     frequency_hz: float
     frequency_sigma_hz: float
     decay_rate: float
     decay_rate_sigma: float
     line_gain: float
+    fall_gain: float
 
 
 def posterior(band: Band, group: Group, mode: int, filtered: FloatArray) -> Estimate:
@@ -53,7 +59,8 @@ def posterior(band: Band, group: Group, mode: int, filtered: FloatArray) -> Esti
     weight /= np.sum(weight)
     f_mean, f_sigma = _moments(f, weight.sum(axis=1))
     a_mean, a_sigma = _moments(decay, weight.sum(axis=0))
-    return Estimate(f_mean, f_sigma, a_mean, a_sigma, 2.0 * (top - _line(own, f_mean)))
+    steady, falling = (_wave(own, f_mean, falls) for falls in (_STEADY, _FALLING))
+    return Estimate(f_mean, f_sigma, a_mean, a_sigma, 2.0 * (top - steady), 2.0 * (top - max(steady, falling)))
 
 
 def _moments(values: FloatArray, weight: FloatArray) -> tuple[float, float]:
@@ -80,23 +87,23 @@ def _grid(band: Band, mode: Group) -> tuple[FloatArray, FloatArray, FloatArray]:
     )
 
 
-def _line(band: Band, frequency_hz: float) -> float:
-    """Largest log likelihood of a steady line near a frequency, in white noise, up to the same constant.
+def _wave(band: Band, frequency_hz: float, falls: FloatArray) -> float:
+    """Largest log likelihood of a sinusoid near a frequency that falls by about one of these exponents, in white noise.
 
-    A line of unit power has the covariance u u^T, u_k = (-1)^k sinc((f - f_k) T). Of the coefficients' power S the line
-    explains at most P; its own share t of S - P t that makes them most likely is known in closed form.
+    Up to the same constant. The coefficients of a sinusoid are along u_k = 1 / (fall + i (w_k - w) T). Of their power S
+    it explains at most P; its own share t, for which S - P t makes them most likely, is known in closed form.
     """
     y, count = band.coefficients[:, :, 0], len(band.frequency_hz)
     S = float(np.sum(np.abs(y) ** 2))
-    centre_hz, reach_hz = frequency_hz, 1.0 / band.duration_s
-    turned = y * (-1.0) ** np.arange(count)
+    reach_hz, most = 1.0 / band.duration_s, 0.0
     for _ in range(_ZOOMS):
-        near_hz = centre_hz + reach_hz * np.linspace(-1.0, 1.0, 21)
-        u = np.sinc((near_hz[:, None] - band.frequency_hz) * band.duration_s)
-        P = np.sum(np.abs(u @ turned.T) ** 2, axis=1) / np.sum(u**2, axis=1)
-        centre_hz = float(near_hz[np.argmax(P)])
-        reach_hz *= _ZOOM
-    most = float(np.max(P))
+        near_hz = frequency_hz + reach_hz * np.linspace(-1.0, 1.0, 11)
+        u = 1.0 / (falls[:, None, None] + 2j * np.pi * band.duration_s * (band.frequency_hz - near_hz[:, None]))
+        P = np.sum(np.abs(u.conj() @ y.T) ** 2, axis=2) / np.sum(np.abs(u) ** 2, axis=2)
+        i, j = np.unravel_index(np.argmax(P), P.shape)
+        most = max(most, float(P[i, j]))
+        frequency_hz, reach_hz = float(near_hz[j]), _ZOOM * reach_hz
+        falls = falls[i] * (falls / falls[len(falls) // 2]) ** _ZOOM
     t = min(max((count * most - S) / (most * (count - 1)), 0.0), 1.0 - 1e-12)
     return len(y) * float(np.log(1.0 - t) - count * np.log(S - most * t))
 
