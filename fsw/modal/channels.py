@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Channels = NDArray[np.floating[Any]]
 
-# Ticks, or channels, of a block.
-_BLOCK = 16
+# Channels of a block, and numbers of a block of ticks: 17 ticks of 918 channels.
+_BLOCK, _NUMBERS = 16, 1 << 14
 
 
 def blocks(length: int, size: int = _BLOCK) -> Iterator[slice]:
@@ -23,10 +23,15 @@ def blocks(length: int, size: int = _BLOCK) -> Iterator[slice]:
         yield slice(begin, min(begin + size, length))
 
 
+def _ticks(y: Channels) -> Iterator[slice]:
+    """Blocks of ticks that cover y (T, L)."""
+    return blocks(len(y), max(_NUMBERS // max(y.shape[1], 1), 1))
+
+
 def times(y: Channels, V: FloatArray) -> FloatArray:
     """y V (T, k) of channels (T, L) and V (L, k)."""
     product = np.empty((len(y), V.shape[1]))
-    for part in blocks(len(y)):
+    for part in _ticks(y):
         np.matmul(y[part].astype(np.float64, copy=False), V, out=product[part])
     return product
 
@@ -34,7 +39,7 @@ def times(y: Channels, V: FloatArray) -> FloatArray:
 def transposed_times(y: Channels, Q: FloatArray) -> FloatArray:
     """y^T Q (L, k) of channels (T, L) and Q (T, k)."""
     product = np.zeros((y.shape[1], Q.shape[1]))
-    for part in blocks(len(y)):
+    for part in _ticks(y):
         product += y[part].astype(np.float64, copy=False).T @ Q[part]
     return product
 
@@ -67,7 +72,7 @@ class Scaled:
 def power(y: Channels) -> FloatArray:
     """Sum of squares (L,) of each channel."""
     total = np.zeros(y.shape[1])
-    for part in blocks(len(y)):
+    for part in _ticks(y):
         block = y[part].astype(np.float64, copy=False)
         total += np.einsum("ij,ij->j", block, block)
     return total

@@ -6,7 +6,7 @@ it, whatever the amplitudes are, before and after a break alike. At the break, a
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fsw.modal.coordinates import Coordinates, even_grid
 
@@ -67,16 +67,17 @@ def _whole_windows(time_s: FloatArray, rate_hz: float, count: int, lags: int) ->
 def _unpredicted(signals: FloatArray, judged: NDArray[np.int64], lags: int) -> NDArray[np.bool_]:
     """Which of the samples judged (k,), of signals (T, p), the model fails to predict, together with those before."""
     windows = np.lib.stride_tricks.sliding_window_view(signals, lags, axis=0)[judged - lags]
-    now = signals[judged]
-    Q, _ = np.linalg.qr(np.hstack([windows.reshape(len(now), -1), np.ones((len(now), 1))]))
-    errors = now - Q @ (Q.T @ now)
+    now, before = signals[judged], np.hstack([windows.reshape(len(judged), -1), np.ones((len(judged), 1))])
     width = signals.shape[1]
     least = (_ROUNDING**2) * float(np.max(np.var(signals, axis=0))) + 1e-300
+    # What the model would have to know finer than rounding it need not know: so the normal equations will do.
+    normal = before.T @ before + least * len(now) * np.eye(before.shape[1])
+    errors = now - before @ np.linalg.solve(normal, before.T @ now)
     regular = np.ones(len(errors), np.bool_)
     for _ in range(_ROUNDS):
         covariance = errors[regular].T @ errors[regular] / np.count_nonzero(regular) + least * np.eye(width)
         squares = np.sum(errors * np.linalg.solve(covariance, errors.T).T, axis=1)
-        regular = squares <= np.quantile(squares, _REGULAR)
-    unit = float(np.median(squares)) / float(chi2.ppf(0.5, width))
+        regular = squares <= np.partition(squares, last := int(_REGULAR * (len(squares) - 1)))[last]
+    unit = float(np.median(squares)) / float(chdtri(width, 0.5))
     energy = np.convolve(squares, np.ones(_TOGETHER))[: len(squares)]
-    return energy > _MARGIN * unit * float(chi2.isf(_CHANCE, _TOGETHER * width))
+    return energy > _MARGIN * unit * float(chdtri(_TOGETHER * width, _CHANCE))

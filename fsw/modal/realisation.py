@@ -6,11 +6,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgeev
 
-from fsw.modal.subspace import Dense, leading_singular
+from fsw.modal.subspace import Dense, Matrix, leading_singular
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+# Numbers of a Hankel matrix that is made as a whole.
+_SMALL = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -85,17 +89,23 @@ class BlockHankel:
         return block_hankel(self._h, self._rows, self._columns)
 
 
+def _hankel(h: FloatArray, rows: int, columns: int) -> Matrix:
+    """H(0), made where that costs less than meeting it piece by piece."""
+    _, p, m = h.shape
+    small = rows * p * columns * m <= _SMALL
+    return Dense(block_hankel(h, rows, columns)) if small else BlockHankel(h, rows, columns)
+
+
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     """Balanced realisation of a series by the eigensystem realisation algorithm.
 
     h (K, p, m) with K >= rows + columns. The order is cut to the numerical rank of H(0). Source: Eq. 34-36.
     """
     _, p, m = h.shape
-    H = BlockHankel(h, rows, columns)
-    U, s, Vt = leading_singular(H, order)
+    U, s, Vt = leading_singular(_hankel(h, rows, columns), order)
     n, root = _cut(s, order)
     left, right = U[:, :n] / root, Vt[:n].T / root
-    A = left.T @ BlockHankel(h[1:], rows, columns).times(right)
+    A = left.T @ _hankel(h[1:], rows, columns).times(right)
     controllability = Vt[:n] * root[:, None]
     return Realisation(A, controllability[:, :m].copy(), U[:p, :n] * root, controllability)
 
@@ -128,14 +138,21 @@ def poles_of_order(
 
     Balanced coordinates make the leading block of A the realisation of the lower order. Source: Eq. 37, 38.
     """
-    z, psi = np.linalg.eig(system.A[:order, :order])
+    real, imaginary, left, right, failed = dgeev(system.A[:order, :order])
+    if failed:
+        raise np.linalg.LinAlgError("the eigenvalues of a realisation do not converge")
+    z = real + 1j * imaginary
     keep = np.flatnonzero((z.imag > 0.0) & (np.abs(z) > 1e-6))
     if wanted is not None:
         keep = keep[wanted(z[keep])]
-    inverse = _inverse(psi)[keep] if len(keep) else np.zeros((0, order), np.complex128)
+    # LAPACK stores a conjugate pair as real and imaginary part side by side. Left vectors are rows of the inverse, but
+    # for their length; of a defective matrix they stand across the right ones, and there is no such row.
+    psi, inverse = right[:, keep] + 1j * right[:, keep + 1], (left[:, keep] - 1j * left[:, keep + 1]).T
+    length = np.sum(inverse * psi.T, axis=1)[:, None]
+    inverse /= np.where(length == 0.0, np.inf, length)
     return Poles(
-        z=z[keep].astype(np.complex128),
-        shape=_product(system.C[:, :order], psi[:, keep]),
+        z=z[keep],
+        shape=_product(system.C[:, :order], psi),
         participation=_product(inverse, system.B[:order]),
         identified=_product(inverse, system.controllability[:order]),
     )
@@ -146,14 +163,6 @@ def _product(a: NDArray[Any], b: NDArray[Any]) -> ComplexArray:
     product = np.empty((len(a), b.shape[1]), np.complex128)
     product.real, product.imag = a.real @ b.real, a.imag @ b.real if np.iscomplexobj(a) else a.real @ b.imag
     return product
-
-
-def _inverse(psi: ComplexArray) -> NDArray[Any]:
-    """Inverse of the eigenvectors; of a defective matrix the pseudo-inverse."""
-    try:
-        return np.linalg.inv(psi)
-    except np.linalg.LinAlgError:
-        return np.linalg.pinv(psi)
 
 
 def continuous(z: ComplexArray, rate_hz: float) -> ComplexArray:
