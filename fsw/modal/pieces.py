@@ -12,14 +12,14 @@ from fsw.modal.coordinates import Coordinates, even_grid
 
 FloatArray = NDArray[np.float64]
 
-# Loudest coordinates that are predicted, from so many samples before, or so many numbers if they are fewer.
-_COORDINATES, _LAGS, _NUMBERS = 4, 8, 32
+# Loudest coordinates that are predicted, and from how many numbers before: half of them where many samples are missing.
+_COORDINATES, _NUMBERS = 4, (64, 32)
 # Predictions for each unknown of the model, at least.
 _ROWS_OF_AN_UNKNOWN = 3
 # Rounds of finding the errors' covariance, each without the largest tenth. It is never finer than rounding of so much.
 _ROUNDS, _REGULAR, _ROUNDING = 3, 0.9, 1e-6
-# The energy of so many errors in a row is no noise's if it is so many times what noise exceeds with this chance.
-_TOGETHER, _MARGIN, _CHANCE = 4, 1.2, 1e-12
+# The energy of so many errors in a row is no noise's if noise exceeds it with this chance.
+_TOGETHER, _CHANCE = 4, 1e-12
 # A motion that is disturbed more often is driven by it: there is nothing to cut.
 _MOST_BREAKS = 3
 
@@ -31,14 +31,16 @@ def telling_piece(coordinates: Coordinates) -> tuple[float, float] | None:
     """
     time_s, rate_hz = coordinates.time_s, coordinates.rate_hz
     width = min(coordinates.signals.shape[1], _COORDINATES)
-    lags = max(_LAGS, _NUMBERS // max(width, 1))
-    least = _ROWS_OF_AN_UNKNOWN * (lags * width + 1)
-    if width == 0 or len(time_s) < lags + least:
+    if width == 0 or len(time_s) < _ROWS_OF_AN_UNKNOWN * _NUMBERS[-1]:
         return None
     loud = np.argsort(-np.var(coordinates.signals, axis=0), kind="stable")[:width]
     grid = even_grid(time_s, coordinates.signals[:, np.sort(loud)], rate_hz)
-    judged = lags + np.flatnonzero(_whole_windows(time_s, rate_hz, len(grid), lags))
-    if len(judged) < least:
+    for numbers in _NUMBERS:
+        lags = numbers // width
+        judged = lags + np.flatnonzero(_whole_windows(time_s, rate_hz, len(grid), lags))
+        if len(judged) > _ROWS_OF_AN_UNKNOWN * numbers:
+            break
+    else:
         return None
     failed = judged[_unpredicted(grid, judged, lags)]
     breaks = [stretch for stretch in np.split(failed, np.flatnonzero(np.diff(failed) > lags) + 1) if len(stretch)]
@@ -80,4 +82,4 @@ def _unpredicted(signals: FloatArray, judged: NDArray[np.int64], lags: int) -> N
         regular = squares <= np.partition(squares, last := int(_REGULAR * (len(squares) - 1)))[last]
     unit = float(np.median(squares)) / float(chdtri(width, 0.5))
     energy = np.convolve(squares, np.ones(_TOGETHER))[: len(squares)]
-    return energy > _MARGIN * unit * float(chdtri(_TOGETHER * width, _CHANCE))
+    return energy > unit * float(chdtri(_TOGETHER * width, _CHANCE))
