@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from fsw.channels import read_channels
 from fsw.modal.breaks import last_break
 from fsw.modal.pipeline import identify
-from fsw.modal.result import ModalResult
 from fsw.tasks.identify import UNCONFIRMED, cells_to_use, confirmed, pole_of
-from sim.bench.modal_broken import BREAKS, Broken, broken
-from sim.bench.modal_records import DAMPING as SAME_DAMPING
+from sim.bench.modal_broken import BREAKS, broken, misleads
 from sim.bench.modal_records import flight, moving, published
 
 FloatArray = NDArray[np.float64]
@@ -115,16 +113,6 @@ def test_cells_hidden_for_long_are_left_out_while_enough_were_not() -> None:
     assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5]
     measured[50:66, 3:] = False  # only two of nine are whole
     assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5, 6, 7, 8, 9]
-
-
-def misleads(record: Broken, found: ModalResult) -> bool:
-    """Whether a valid mode is off by more than 4 of its sigmas, and more than matters."""
-    for mode in found.valid_modes:
-        hz = record.frequency_hz[np.argmin(np.abs(record.frequency_hz - mode.frequency_hz))]
-        off_hz, off = abs(mode.frequency_hz - hz), abs(mode.damping_ratio - SAME_DAMPING)
-        if off_hz > max(4.0 * mode.frequency_sigma_hz, 5e-4 * hz) or off > 4.0 * mode.damping_ratio_sigma:
-            return True
-    return False
 
 
 @pytest.mark.requirement("WB-MOD-10")

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Channels = NDArray[np.floating[Any]]
 
-# Ticks, or channels, of a block; of few channels it holds more ticks, up to so many values.
-_BLOCK, _BLOCK_VALUES = 16, 16384
+# Channels of a block, and numbers of a block of ticks: 17 ticks of 918 channels.
+_BLOCK, _NUMBERS = 16, 1 << 14
 
 
 def blocks(length: int, size: int = _BLOCK) -> Iterator[slice]:
@@ -24,8 +24,8 @@ def blocks(length: int, size: int = _BLOCK) -> Iterator[slice]:
 
 
 def _ticks(y: Channels) -> Iterator[slice]:
-    """Blocks of ticks that cover channels (T, L)."""
-    return blocks(len(y), max(_BLOCK, _BLOCK_VALUES // max(y.shape[1], 1)))
+    """Blocks of ticks that cover y (T, L)."""
+    return blocks(len(y), max(_NUMBERS // max(y.shape[1], 1), 1))
 
 
 def times(y: Channels, V: FloatArray) -> FloatArray:

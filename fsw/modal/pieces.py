@@ -6,20 +6,20 @@ it, whatever the amplitudes are, before and after a break alike. At the break, a
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fsw.modal.coordinates import Coordinates, even_grid
 
 FloatArray = NDArray[np.float64]
 
-# Loudest coordinates that are predicted, from so many samples before, or so many numbers if they are fewer.
-_COORDINATES, _LAGS, _NUMBERS = 4, 8, 32
+# Loudest coordinates that are predicted, and from how many numbers before: half of them where many samples are missing.
+_COORDINATES, _NUMBERS = 4, (64, 32)
 # Predictions for each unknown of the model, at least.
 _ROWS_OF_AN_UNKNOWN = 3
 # Rounds of finding the errors' covariance, each without the largest tenth. It is never finer than rounding of so much.
 _ROUNDS, _REGULAR, _ROUNDING = 3, 0.9, 1e-6
-# The energy of so many errors in a row is no noise's if it is so many times what noise exceeds with this chance.
-_TOGETHER, _MARGIN, _CHANCE = 4, 1.2, 1e-12
+# The energy of so many errors in a row is no noise's if noise exceeds it with this chance.
+_TOGETHER, _CHANCE = 4, 1e-12
 # A motion that is disturbed more often is driven by it: there is nothing to cut.
 _MOST_BREAKS = 3
 
@@ -31,14 +31,16 @@ def telling_piece(coordinates: Coordinates) -> tuple[float, float] | None:
     """
     time_s, rate_hz = coordinates.time_s, coordinates.rate_hz
     width = min(coordinates.signals.shape[1], _COORDINATES)
-    lags = max(_LAGS, _NUMBERS // max(width, 1))
-    least = _ROWS_OF_AN_UNKNOWN * (lags * width + 1)
-    if width == 0 or len(time_s) < lags + least:
+    if width == 0 or len(time_s) < _ROWS_OF_AN_UNKNOWN * _NUMBERS[-1]:
         return None
     loud = np.argsort(-np.var(coordinates.signals, axis=0), kind="stable")[:width]
     grid = even_grid(time_s, coordinates.signals[:, np.sort(loud)], rate_hz)
-    judged = lags + np.flatnonzero(_whole_windows(time_s, rate_hz, len(grid), lags))
-    if len(judged) < least:
+    for numbers in _NUMBERS:
+        lags = numbers // width
+        judged = lags + np.flatnonzero(_whole_windows(time_s, rate_hz, len(grid), lags))
+        if len(judged) > _ROWS_OF_AN_UNKNOWN * numbers:
+            break
+    else:
         return None
     failed = judged[_unpredicted(grid, judged, lags)]
     breaks = [stretch for stretch in np.split(failed, np.flatnonzero(np.diff(failed) > lags) + 1) if len(stretch)]
@@ -67,16 +69,17 @@ def _whole_windows(time_s: FloatArray, rate_hz: float, count: int, lags: int) ->
 def _unpredicted(signals: FloatArray, judged: NDArray[np.int64], lags: int) -> NDArray[np.bool_]:
     """Which of the samples judged (k,), of signals (T, p), the model fails to predict, together with those before."""
     windows = np.lib.stride_tricks.sliding_window_view(signals, lags, axis=0)[judged - lags]
-    now = signals[judged]
-    Q, _ = np.linalg.qr(np.hstack([windows.reshape(len(now), -1), np.ones((len(now), 1))]))
-    errors = now - Q @ (Q.T @ now)
+    now, before = signals[judged], np.hstack([windows.reshape(len(judged), -1), np.ones((len(judged), 1))])
     width = signals.shape[1]
     least = (_ROUNDING**2) * float(np.max(np.var(signals, axis=0))) + 1e-300
+    # What the model would have to know finer than rounding it need not know: so the normal equations will do.
+    normal = before.T @ before + least * len(now) * np.eye(before.shape[1])
+    errors = now - before @ np.linalg.solve(normal, before.T @ now)
     regular = np.ones(len(errors), np.bool_)
     for _ in range(_ROUNDS):
         covariance = errors[regular].T @ errors[regular] / np.count_nonzero(regular) + least * np.eye(width)
         squares = np.sum(errors * np.linalg.solve(covariance, errors.T).T, axis=1)
-        regular = squares <= np.quantile(squares, _REGULAR)
-    unit = float(np.median(squares)) / float(chi2.ppf(0.5, width))
+        regular = squares <= np.partition(squares, last := int(_REGULAR * (len(squares) - 1)))[last]
+    unit = float(np.median(squares)) / float(chdtri(width, 0.5))
     energy = np.convolve(squares, np.ones(_TOGETHER))[: len(squares)]
-    return energy > _MARGIN * unit * float(chi2.isf(_CHANCE, _TOGETHER * width))
+    return energy > unit * float(chdtri(_TOGETHER * width, _CHANCE))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgeev
 
 from fsw.modal.subspace import Dense, leading_singular
 
@@ -98,14 +99,21 @@ def poles_of_order(
 
     Balanced coordinates make the leading block of A the realisation of the lower order. Source: Eq. 37, 38.
     """
-    z, psi = np.linalg.eig(system.A[:order, :order])
+    real, imaginary, left, right, failed = dgeev(system.A[:order, :order])
+    if failed:
+        raise np.linalg.LinAlgError("the eigenvalues of a realisation do not converge")
+    z = real + 1j * imaginary
     keep = np.flatnonzero((z.imag > 0.0) & (np.abs(z) > 1e-6))
     if wanted is not None:
         keep = keep[wanted(z[keep])]
-    inverse = _inverse(psi)[keep] if len(keep) else np.zeros((0, order), np.complex128)
+    # LAPACK stores a conjugate pair as real and imaginary part side by side. Left vectors are rows of the inverse, but
+    # for their length; of a defective matrix they stand across the right ones, and there is no such row.
+    psi, inverse = right[:, keep] + 1j * right[:, keep + 1], (left[:, keep] - 1j * left[:, keep + 1]).T
+    length = np.sum(inverse * psi.T, axis=1)[:, None]
+    inverse /= np.where(length == 0.0, np.inf, length)
     return Poles(
-        z=z[keep].astype(np.complex128),
-        shape=_product(system.C[:, :order], psi[:, keep]),
+        z=z[keep],
+        shape=_product(system.C[:, :order], psi),
         participation=_product(inverse, system.B[:order]),
         identified=_product(inverse, system.controllability[:order]),
     )
@@ -116,14 +124,6 @@ def _product(a: NDArray[Any], b: NDArray[Any]) -> ComplexArray:
     product = np.empty((len(a), b.shape[1]), np.complex128)
     product.real, product.imag = a.real @ b.real, a.imag @ b.real if np.iscomplexobj(a) else a.real @ b.imag
     return product
-
-
-def _inverse(psi: ComplexArray) -> NDArray[Any]:
-    """Inverse of the eigenvectors; of a defective matrix the pseudo-inverse."""
-    try:
-        return np.linalg.inv(psi)
-    except np.linalg.LinAlgError:
-        return np.linalg.pinv(psi)
 
 
 def continuous(z: ComplexArray, rate_hz: float) -> ComplexArray:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgeqrf, dorgqr, dtrtri, dtrtrs
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -55,8 +55,7 @@ class Span:
     def fit(self, signals: FloatArray) -> "Fit":
         """Best linear fit to signals (T, p) of unit noise variance (whitened)."""
         weights = self.orthonormal.T @ signals
-        X = scipy.linalg.solve_triangular(self.triangle, weights, check_finite=False)
-        return Fit(self, X, signals - self.orthonormal @ weights)
+        return Fit(self, dtrtrs(self.triangle, weights)[0], signals - self.orthonormal @ weights)
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,9 @@ def spanned(time_s: FloatArray, poles: ComplexArray, drift: FloatArray) -> Span:
     basis = np.empty((len(time_s), count + drift.shape[1]), order="F")
     waves = np.exp(poles[:, None] * time_s)
     basis[:, 0:count:2], basis[:, 1:count:2], basis[:, count:] = waves.real.T, waves.imag.T, drift
-    Q, R = scipy.linalg.qr(basis, mode="economic", check_finite=False)
+    # LAPACK itself: the search makes so many small factors that what is wrapped round them would cost as much.
+    factored, tau, *_ = dgeqrf(basis)
+    Q, R = dorgqr(factored, tau)[0], np.triu(factored[: basis.shape[1]])
     floor = 1e-12 * float(np.max(np.abs(np.diag(R))))
     diagonal = np.diag(R).copy()
     R = R + np.diag(np.where(np.abs(diagonal) < floor, np.copysign(floor, diagonal) - diagonal, 0.0))
@@ -185,10 +186,7 @@ def refined(fit: Fit, signals: FloatArray) -> Fit:
 def significance(fit: Fit) -> FloatArray:
     """Wald statistic (m,) of each mode's amplitudes given the others: chi-square, 2 p degrees, for white noise."""
     count = len(fit.poles)
-    inverse = scipy.linalg.solve_triangular(fit.triangle, np.eye(len(fit.triangle)), check_finite=False)
-    covariance = inverse @ inverse.T
-    values = np.empty(count)
-    for j in range(count):
-        X = fit.coefficients[2 * j : 2 * j + 2]
-        values[j] = np.sum(X * np.linalg.lstsq(covariance[2 * j : 2 * j + 2, 2 * j : 2 * j + 2], X, rcond=None)[0])
-    return values
+    inverse = dtrtri(fit.triangle)[0]
+    rows = inverse[: 2 * count].reshape(count, 2, -1)
+    X = fit.coefficients[: 2 * count].reshape(count, 2, -1)
+    return np.asarray(np.sum(X * np.linalg.solve(rows @ rows.transpose(0, 2, 1), X), axis=(1, 2)))

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.signal
 
-from sim.bench.modal_records import AMBIENT, AMPLITUDE_MM, DECAYS, FloatArray, grid, pole, shapes
+from fsw.modal.result import ModalResult
+from sim.bench.modal_records import AMBIENT, AMPLITUDE_MM, DAMPING, DECAYS, FloatArray, grid, pole, shapes
 
 BREAKS = ("struck", "stopped", "held", "jump")
 """Struck: each mode gets a velocity. Stopped: each mode keeps a share of its motion. Held: the wing stands still from
 then on, where it was or at rest. Jump: each channel goes on about another level.
 """
+MISLEADING_SIGMAS, MISLEADING_SHARE = 4.0, 5e-4
+"""A valid mode misleads if its frequency or damping is off by more than so many of its sigmas and such a share."""
 # Duration of a decay, where it breaks as a share of it, and sizes: of a blow as a share of the first amplitudes (powers
 # of ten), what a stop leaves, and of a jump in mm (powers of ten).
 _DURATION_S = (30.0, 120.0)
@@ -63,3 +66,14 @@ def broken(kind: str, motion: str, seed: int) -> Broken:
         clean[first:] += 10.0 ** draw.uniform(*_JUMP_MM) * draw.standard_normal(clean.shape[1])
     y = clean + noise_mm * draw.standard_normal(clean.shape)
     return Broken(np.arange(count) / rate_hz, y, np.array(list(modes.values())), place / rate_hz)
+
+
+def misleads(record: Broken, found: ModalResult) -> bool:
+    """Whether a valid mode's frequency or damping is off by far more than its interval says."""
+    for mode in found.valid_modes:
+        hz = record.frequency_hz[np.argmin(np.abs(record.frequency_hz - mode.frequency_hz))]
+        off, truth = np.abs([mode.frequency_hz - hz, mode.damping_ratio - DAMPING]), np.array([hz, DAMPING])
+        sigmas = np.array([mode.frequency_sigma_hz, mode.damping_ratio_sigma])
+        if np.any(off > np.maximum(MISLEADING_SIGMAS * sigmas, MISLEADING_SHARE * truth)):
+            return True
+    return False

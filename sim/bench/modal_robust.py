@@ -7,6 +7,7 @@ import numpy as np
 from fsw.modal.pipeline import identify
 from fsw.modal.result import ModalResult
 from sim.bench.modal_bounds import cramer_rao
+from sim.bench.modal_broken import BREAKS, broken, misleads
 from sim.bench.modal_records import DAMPING, DECAYS, FloatArray, free_decay, moving, published
 from sim.bench.table import Row
 
@@ -26,6 +27,11 @@ def cases(runs: int, seed: int) -> list[Callable[[], Sequence[Row]]]:
         lambda: [_share("ambient, steady", "time_varying", lambda s: _ambient_ramp(s, 0.0), seeds)],
         lambda: [_share("lamp at 1.7 Hz", "harmonic", _lamp, seeds)],
         lambda: [_share("4.2 Hz at 8 frames a second", "near_nyquist", _alias, seeds)],
+        *(
+            lambda kind=kind, motion=motion: [_broken(kind, motion, seeds)]
+            for motion in ("decay", "ambient")
+            for kind in BREAKS
+        ),
     ]
 
 
@@ -89,6 +95,27 @@ def _share(case: str, flag: str, made: Callable[[int], tuple[ModalResult, float]
         "flag": flag,
         "raised_percent": 100.0 * raised / len(seeds),
         "misleading": misleading,
+    }
+
+
+def _broken(kind: str, motion: str, seeds: Sequence[int]) -> Row:
+    """How often a record that breaks is cut, misleads, and still gives all of its modes."""
+    cut = misleading = whole = 0
+    for seed in seeds:
+        record = broken(kind, motion, seed)
+        found = identify(record.time_s, record.y)
+        cut += "cut_at_break" in found.flags
+        misleading += misleads(record, found)
+        whole += len(found.valid_modes) == len(record.frequency_hz)
+    return {
+        "table": "robust",
+        "method": "wingbeat",
+        "case": f"{motion} {kind} in the middle",
+        "records": len(seeds),
+        "flag": "cut_at_break",
+        "raised_percent": 100.0 * cut / len(seeds),
+        "misleading": misleading,
+        "all_modes_percent": 100.0 * whole / len(seeds),
     }
 
 
