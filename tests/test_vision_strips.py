@@ -91,7 +91,7 @@ class Edge:
     def lens(self) -> Lens:
         whole = float(np.sqrt(BLUR_PX**2 + 1.0 / 12.0))
         distortion = STRAIGHT if self.distortion is None else self.distortion
-        return Lens(np.array([400.0, 400.0, 160.0, 150.0]), distortion, whole, table_of(BLUR_PX))
+        return Lens(np.array([400.0, 400.0, 160.0, 150.0]), distortion, whole, table_of(BLUR_PX), np.array([1.0, 0.0]))
 
     @property
     def normal(self) -> tuple[float, float]:
