@@ -190,7 +190,7 @@ def test_photon_noise_scatters_the_side_as_told_and_near_the_bound_of_its_pixels
     """White noise of variance 0.05 grey: as many photons as a sensor counts."""
     start, end = turned(end, quarter)
     edge = Edge(start, end, grey=(20.0, 200.0) if bright else (200.0, 20.0))
-    clean, rng, draws = edge.light(), np.random.default_rng(8), 150
+    clean, rng, draws = edge.light(), np.random.default_rng(8), 300
     variance = 0.05 * clean
     found, told = [], []
     for _ in range(draws):
@@ -200,7 +200,9 @@ def test_photon_noise_scatters_the_side_as_told_and_near_the_bound_of_its_pixels
         found.append(middle)
         told.append(own)
     spread = np.var(found, ddof=1)
-    assert np.mean(told) / spread == pytest.approx(1.0, abs=0.3)
+    # A mean of the told variances would be that of the few sides which seem to be bent.
+    errors = np.array(found) - np.mean(found)
+    assert np.mean(errors**2 / np.array(told)) == pytest.approx(1.0, abs=0.3)
     # The bound of the columns' pixels that lie within the window, level and step unknown for each column.
     vertical = quarter % 2 == 0
     image, noise = (clean, variance) if vertical else (clean.T, variance.T)

@@ -24,7 +24,7 @@ SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
 SEGMENT_COLUMNS = 6.0  # that a segment should have, before any are left out
 MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
-UNEXPLAINED = 3.0  # a straight side's chi-square above its mean, in standard deviations: more is not the noise's
+UNEXPLAINED = 2.0  # a straight side's chi-square above its mean, in standard deviations: what is beyond is not noise's
 NOISIER = 6.0  # times the variance of the middle segment: luck does not reach so far, a glint or a shadow does
 LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
@@ -195,8 +195,10 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         dropped += 1
     if which >= 0 or 2 * kept < count:
         return False, 0.0, 0.0, 0.0, 0.0
-    # Scatter far beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends it.
-    variance = s2 / det
-    if kept > 2 and chi2 > kept - 2 + UNEXPLAINED * math.sqrt(2.0 * (kept - 2)):
-        variance = max(variance * chi2 / (kept - 2), squares / kept)
+    # Scatter beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends the side. Its
+    # share in the scatter grows evenly, for noise alone comes near.
+    variance, freedom = s2 / det, kept - 2
+    limit = freedom + UNEXPLAINED * math.sqrt(2.0 * freedom)
+    if chi2 > limit:
+        variance += (1.0 - limit / chi2) * squares / kept
     return True, middle, slope, variance, math.sqrt(squares / kept)
