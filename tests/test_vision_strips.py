@@ -117,7 +117,7 @@ class Edge:
         across = np.abs(np.subtract(self.end, self.start)).max() / np.hypot(*np.subtract(self.end, self.start))
         fill_templates(lens.step, lens.blur_px, float(across), room_px, 0, scratch.templates)
         sign = 1.0 if self.grey[1] > self.grey[0] else -1.0
-        pieces, found, _ = match_segments(image, lens, self.start, self.end, self.normal, 0, sign, scratch)
+        pieces, found, _ = match_segments(image, lens, self.start, self.end, self.normal, 0.0, 0, sign, scratch)
         good, middle, _, variance, _ = straight_side(scratch.segments, found)
         return good and 2 * found >= pieces, middle, variance
 
@@ -230,7 +230,7 @@ def test_pixels_tell_the_ratio_of_their_noise(dtype: type) -> None:
     for _ in range(40):
         image = np.round(scale * (clean + rng.normal(size=clean.shape) * sigma)).astype(dtype)
         fill_templates(lens.step, lens.blur_px, 1.0, 9.0, 0, scratch.templates)
-        match_segments(image, lens, edge.start, edge.end, edge.normal, 0, 1.0, scratch)
+        match_segments(image, lens, edge.start, edge.end, edge.normal, 0.0, 0, 1.0, scratch)
         noise += scratch.templates.noise[0]
     assert noise[1] / noise[0] == pytest.approx(4.0, rel=0.25)
 

@@ -136,11 +136,15 @@ def match_segments(
     start: Point,
     end: Point,
     normal: Point,
+    lean_px: float,
     row: int,
     sign: float,
     scratch: Scratch,
 ) -> tuple[int, int, float]:
-    """As fit_segments, by the templates of one direction of sides, where both plateaus are wide enough."""
+    """As fit_segments, by the templates of one direction of sides, where both plateaus are wide enough.
+
+    lean_px: see inset_px.
+    """
     # Arrays are taken out of their tuples once: each time costs two atomic counts.
     intrinsics, distortion, pooled, segments = lens.intrinsics, lens.distortion, scratch.pooled, scratch.segments
     weight, own, scale = scratch.templates.weight, scratch.templates.pixel_weight, scratch.templates.scale
@@ -148,7 +152,7 @@ def match_segments(
     square, cube = scratch.templates.bent[row, 0], scratch.templates.bent[row, 1]
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = math.hypot(dx, dy)
-    inset = inset_px(length, lens.blur_px) / length
+    inset = inset_px(length, lens.blur_px, lean_px) / length
     near, far = (start[0] + inset * dx, start[1] + inset * dy), (end[0] - inset * dx, end[1] - inset * dy)
     vertical, gain, begin, stop, curve = follow(near, far, normal, intrinsics, distortion)
     first = math.ceil(min(begin, stop))

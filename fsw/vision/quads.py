@@ -161,7 +161,7 @@ def measure_cells(
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
             plain = plain and not runs_along_hot_row(hot, intrinsics, distortion, c[k], c[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
-            lean = 0.0 if plain else max(sample_lean(c, k, k3), sample_lean(c, k, k2))
+            lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
             by_blur[k], by_width[k] = 0.0, 0.0
             weight[k], cross[k] = scratch.pooled[row, OWN], scratch.pooled[row, CROSS]
             m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
@@ -171,7 +171,7 @@ def measure_cells(
                 end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
                 if plain:
                     pieces, found, side_contrast = match_segments(
-                        image, lens, start, end, (nx[k], ny[k]), k % 2, sign, scratch
+                        image, lens, start, end, (nx[k], ny[k]), half * lean, k % 2, sign, scratch
                     )
                 else:
                     pieces, found, side_contrast, by_blur[k], by_width[k] = fit_segments(

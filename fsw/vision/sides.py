@@ -195,8 +195,8 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         dropped += 1
     if which >= 0 or 2 * kept < count:
         return False, 0.0, 0.0, 0.0, 0.0
-    # Scatter beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends the side. Its
-    # share in the scatter grows evenly, for noise alone comes near.
+    # Scatter beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends the side.
+    # Its share in the scatter grows evenly, for noise alone comes near.
     variance, freedom = s2 / det, kept - 2
     limit = freedom + UNEXPLAINED * math.sqrt(2.0 * freedom)
     if chi2 > limit:
