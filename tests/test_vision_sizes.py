@@ -19,7 +19,7 @@ def widened(shift: np.ndarray, scale: float = 1.0) -> np.ndarray:
     cells.corners_px[:] = middle + scale * (expected - middle) + draw.normal(0.0, 1e-3, (COUNT, 1, 1))
     cells.corners_px[:, 2:] += (shift + draw.normal(0.0, 1e-3, COUNT))[:, None, None] * upwards
     cells.covariance_px2[:] = VARIANCE, 0.0, VARIANCE
-    cells.whole[:] = cells.found[:] = True
+    cells.whole[:] = cells.found[:] = cells.paired[:] = True
     deviation = cells.corners_px - expected  # what was wrong in the tick before must not hide what is wrong now
     widen_odd_sizes(expected + deviation, deviation, np.zeros((COUNT + TERMS + 1, WORK)), cells)
     assert (cells.found == (abs(shift - np.median(shift)) < 0.5)).all()

@@ -62,6 +62,7 @@ class Cells(NamedTuple):
     contrast: FloatArray  # (N,) line minus cell, grey values
     found: NDArray[np.bool_]  # (N,)
     whole: NDArray[np.bool_]  # (N,) found, and with all four sides seen
+    paired: NDArray[np.bool_]  # (N, 2) found, and with both sides along X, along Y seen
 
 
 def make_cells(count: int) -> Cells:
@@ -76,6 +77,7 @@ def make_cells(count: int) -> Cells:
         np.full(count, nan),
         np.zeros(count, dtype=np.bool_),
         np.zeros(count, dtype=np.bool_),
+        np.zeros((count, 2), dtype=np.bool_),
     )
 
 
@@ -107,10 +109,12 @@ def measure_cells(
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
+    sharpened = np.zeros(2)  # what an edge seems shifted by if the templates are blurred by 1 px more
     for row in range(2):
         gain, plateau = mean_gain(expected_px, wanted, row), least_plateau(expected_px, wanted, line_ratio, row)
         room = plateau - FAR_SIGMAS * lens.blur_px - MATCHED_PX
         fill_templates(lens.step, lens.blur_px, gain, room, row, scratch.templates)
+        sharpened[row] = -gain * scratch.templates.blurred[row]
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     intrinsics, distortion = lens.intrinsics, lens.distortion
     hot = np.zeros(image.shape[0], np.bool_)
@@ -119,7 +123,7 @@ def measure_cells(
     middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
     by_blur, by_width, weight, cross = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for n in range(len(expected_px)):
-        out.found[n] = out.whole[n] = False
+        out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
         out.corners_px[n] = np.nan
         out.centre_px[n] = np.nan
         out.covariance_px2[n] = np.nan
@@ -162,7 +166,7 @@ def measure_cells(
             plain = plain and not runs_along_hot_row(hot, intrinsics, distortion, c[k], c[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
-            by_blur[k], by_width[k] = 0.0, 0.0
+            by_blur[k], by_width[k] = sharpened[k % 2] if plain else 0.0, 0.0
             weight[k], cross[k] = scratch.pooled[row, OWN], scratch.pooled[row, CROSS]
             m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
@@ -237,6 +241,8 @@ def measure_cells(
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
+        for k in range(2):
+            out.paired[n, k] = hidden == 0 or which % 2 != k
     learn_size(size, sizes)
 
 

@@ -11,7 +11,7 @@ from fsw.vision.perspective import extent_across, side_normal
 from fsw.vision.quads import Cells
 from wingbeat.kernels import kernel
 
-GATE_SIGMAS = 5.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
+GATE_SIGMAS = 4.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
 EVEN_PX = 0.25  # as much as sizes differ evenly; what is farther off has no say in what is even
 TERMS = 6  # 1, u, v, u2, uv, v2
@@ -23,7 +23,7 @@ _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do n
 
 @kernel
 def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: FloatArray, out: Cells) -> None:
-    """Widen the covariance of whole cells one of whose extents is odd: one of the two sides is off by the difference.
+    """Widen the covariance of cells an extent of which is odd: one of its two sides is off by the difference.
 
     expected_px, deviation_px (N, 4, 2): see measure_cells; the deviation is left out, or a wrong side would confirm
     itself from tick to tick. work (N + TERMS + 1, WORK): written. Which side is wrong is not known, so both may be: the
@@ -44,22 +44,22 @@ def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: Flo
             own = 4.0 * (C[0] * nx * nx + 2.0 * C[1] * nx * ny + C[2] * ny * ny)
             if off * off > GATE_SIGMAS**2 * max(own, scatter * scatter):
                 if abs(off) > ODD_PX:
-                    out.found[n] = out.whole[n] = False
+                    out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
                 wider = 0.5 * off * off
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
 
 
 @kernel
 def _compare(expected_px: FloatArray, deviation_px: FloatArray, axis: int, work: FloatArray, out: Cells) -> int:
-    """Write to work (N, ..) how much larger than expected whole cells are along an axis, its normal, and their terms.
+    """Write to work (N, ..) how much larger than expected cells are along an axis, its normal, and their terms.
 
-    NaN where a cell is not whole. Returns how many are.
+    NaN where not both sides were seen. Returns of how many they were.
     """
     count = 0
     u0, u1, v0, v1 = math.inf, -math.inf, math.inf, -math.inf
     for n in range(len(expected_px)):
         work[n, 0] = math.nan
-        if not out.whole[n]:
+        if not out.paired[n, axis]:
             continue
         _, nx, ny = side_normal(expected_px[n], axis)
         e, d = expected_px[n], deviation_px[n]
