@@ -183,7 +183,8 @@ def test_kernels_give_back_what_they_take(footage: Footage, tmp_path: Path) -> N
         while app.step():
             stats = rtsys.get_allocation_stats()
             held.append(stats.alloc - stats.free)
-    assert len(set(held[20:])) == 1, held
+    # An identification that is at work on its own thread may hold something; what a tick kept would add up.
+    assert min(held[20:40]) == min(held[40:]), held
 
 
 @pytest.mark.requirement("WB-APP-05")
