@@ -94,17 +94,25 @@ def first_guess(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, sh
 
 def most_likely(band: Band, start: Group) -> Group:
     """The group that makes a band most likely, by Fisher scoring from a first guess."""
-    return Group(
-        *_search(*_arrays(band, start.frequency_hz, start.decay_rate, start.variance, start.shapes), start.noise)
-    )
+    return _settled(band, start.frequency_hz, start.decay_rate, start.variance, start.shapes, start.noise)
 
 
 def without(group: Group, band: Band, left_out: int) -> Group:
     """The group that makes a band most likely with one of the modes left out."""
     keep = np.arange(len(group.frequency_hz)) != left_out
     variance, shapes = group.variance[keep], group.shapes[:, keep]
-    fewer = scored(band, group.frequency_hz[keep], group.decay_rate[keep], variance, shapes, group.noise)
-    return most_likely(band, fewer)
+    return _settled(band, group.frequency_hz[keep], group.decay_rate[keep], variance, shapes, group.noise)
+
+
+def _settled(
+    band: Band,
+    frequency_hz: FloatArray,
+    decay_rate: FloatArray,
+    variance: FloatArray,
+    shapes: FloatArray,
+    noise: float,
+) -> Group:
+    return Group(*_search(*_arrays(band, frequency_hz, decay_rate, variance, shapes), noise))
 
 
 def scored(
