@@ -2,10 +2,14 @@
 
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from wingbeat.cli import main
 
 # No test asserts a time: machines are shared.
 settings.register_profile("shared", deadline=None)
@@ -29,6 +33,22 @@ def wingbeat(*arguments: object, check: bool = True) -> subprocess.CompletedProc
     if check:
         assert done.returncode == 0, done.stderr
     return done
+
+
+def wingbeat_here(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The same command in this process, where nothing depends on its own: start-up takes seconds."""
+    out, err, given = StringIO(), StringIO(), sys.argv
+    sys.argv = ["wingbeat", *map(str, arguments)]
+    try:
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+            main()
+    finally:
+        sys.argv = given
+    code = end.value.code or 0
+    if isinstance(code, str):  # Python prints it, and returns 1
+        err.write(code + "\n")
+        code = 1
+    return subprocess.CompletedProcess(list(arguments), code, out.getvalue(), err.getvalue())
 
 
 @pytest.fixture(scope="session")

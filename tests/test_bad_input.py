@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import wingbeat
+from conftest import wingbeat_here
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def sequence(recordings: Path, tmp_path: Path) -> Path:
 
 def refused(*arguments: object) -> str:
     """The one line that a command gives up with."""
-    done = wingbeat(*arguments, check=False)
+    done = wingbeat_here(*arguments)
     assert done.returncode == 1, done.stdout + done.stderr
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 1 and lines[0].startswith("wingbeat: error: "), done.stderr
@@ -121,5 +121,5 @@ def test_missing_files_and_unknown_scenarios_are_one_line() -> None:
 
 
 def test_wrong_usage_is_exit_code_2() -> None:
-    assert wingbeat("replay", check=False).returncode == 2
-    assert wingbeat("fluctuate", check=False).returncode == 2
+    assert wingbeat_here("replay").returncode == 2
+    assert wingbeat_here("fluctuate").returncode == 2

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import wingbeat
+from conftest import wingbeat, wingbeat_here
 
 import wingbeat.kernels as kernels
 from telemetry.modes_text import modes_table, partners
@@ -59,12 +59,12 @@ def test_a_kernel_divides_by_zero_as_numpy_does() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_help_of_every_command_has_an_example(command: str) -> None:
-    text = wingbeat(command, "--help").stdout
+    text = wingbeat_here(command, "--help").stdout
     assert f"Example: wingbeat {command}" in " ".join(text.split())
 
 
 def test_the_list_of_commands_names_them_all() -> None:
-    text = wingbeat("--help").stdout
+    text = wingbeat_here("--help").stdout
     assert all(command in text for command in COMMANDS)
 
 
@@ -75,7 +75,7 @@ def test_wrong_usage_is_told_apart_from_failure(tmp_path: Path) -> None:
         ("identify", "a.csv", "--kind", "sideways"),
         ("sil", "--pace", "x"),
     ):
-        done = wingbeat(*arguments, check=False)
+        done = wingbeat_here(*arguments)
         assert done.returncode == 2 and "Usage" in done.stderr and not done.stdout, arguments
     done = wingbeat("identify", tmp_path / "absent.csv", check=False)
     assert done.returncode == 1 and not done.stdout
@@ -96,7 +96,7 @@ def test_json_on_stdout_is_json_alone_and_the_same_as_in_a_file(tmp_path: Path) 
     rows = [f"{math.exp(-0.02 * k) * math.cos(0.9 * k):.9f}" for k in range(240)]
     record.write_text("\n".join(["a", *rows]) + "\n")
     done = wingbeat("identify", record, "--rate", "20", "--kind", "decay", "--json", "-")
-    wingbeat("identify", record, "--rate", "20", "--kind", "decay", "--json", tmp_path / "modes.json")
+    wingbeat_here("identify", record, "--rate", "20", "--kind", "decay", "--json", tmp_path / "modes.json")
     result = json.loads(done.stdout)
     assert result == json.loads((tmp_path / "modes.json").read_text())
     s = 20.0 * complex(-0.02, 0.9)
