@@ -5,8 +5,9 @@ import pytest
 from vision_scene import FloatArray, facing, paper_rig, rotation, three_panels
 
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.bow import Bow, fit_kinks, make_bow, unbend
+from fsw.vision.bow import Bow, fit_kinks, make_bow, tilt_extents, unbend
 from fsw.vision.grid import CellGrid
+from fsw.vision.perspective import extent_across, side_normal
 from fsw.vision.prediction import BENDING, RIGID, Surface, expect, fit_surface, make_normal, make_surface, set_pose
 from fsw.vision.rig import eyes_of
 from fsw.vision.sides import inset_px
@@ -123,8 +124,42 @@ def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     before = np.abs(points.xyz_mm - true)[seen]
     normal, distance = make_normal(count), np.zeros(count)
     fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, distance)
-    unbend(surface, eyes, expected, covariance, np.full(2, BLUR_PX), make_bow(grid, surface), points)
+    bow = make_bow(grid, surface)
+    fit_kinks(surface, points, bow)
+    unbend(surface, eyes, expected, covariance, np.full(2, BLUR_PX), bow, points)
     after = np.abs(points.xyz_mm - true)[seen]
     assert seen.sum() > 200
     assert before[:, 0].max() > 0.002 and before[:, 2].max() > 0.001
     assert after.max() < 0.05 * before.max()
+
+
+def test_cells_beside_a_fold_are_expected_as_long_as_their_panel_shows_them() -> None:
+    rig, grid, normal = paper_rig(4096), three_panels(), make_normal(three_panels().count)
+    R, t = facing(rig, (700.0, 0.0), 725.0, rotation(2.0, -20.0, 3.0))
+    surface, eyes, count = make_surface(grid), eyes_of(rig), grid.count
+    set_pose(surface, R, t)
+    bow = make_bow(grid, surface)
+    places = np.column_stack([grid.centre_mm, height_mm(grid, grid.centre_mm, 4.0 * KINK_MM)]) @ R.T + t
+    expected, centre, in_view = np.zeros((2, count, 4, 2)), np.zeros((2, count, 2)), np.zeros((2, count), np.bool_)
+    expect(surface, eyes, expected, centre, in_view)
+    seen = in_view.all(axis=0)
+    points = points_at(places, seen)
+    for _ in range(3):
+        fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, np.zeros(count))
+    expect(surface, eyes, expected, centre, in_view)
+    fit_kinks(surface, points, bow)
+    tilted = np.zeros((2, count, 2))
+    tilt_extents(surface, eyes, expected, bow, tilted)
+    corners = np.concatenate([grid.corners_mm, height_mm(grid, grid.corners_mm, 4.0 * KINK_MM)[..., None]], axis=2)
+    for eye in (0, 1):
+        true = rig.project_ideal(eye, (corners @ R.T + t).reshape(-1, 3)).reshape(-1, 4, 2)
+        for axis in (0, 1):
+            off = np.zeros((count, 2))
+            for n in np.flatnonzero(seen):
+                _, nx, ny = side_normal(expected[eye, n], axis)
+                smooth = extent_across(expected[eye, n], axis, nx, ny)
+                off[n, 0] = smooth - extent_across(true[n], axis, nx, ny)
+                off[n, 1] = off[n, 0] + tilted[eye, n, axis]
+            rounded, fitted = np.abs(off[seen]).max(axis=0)
+            assert fitted < 0.01
+            assert axis == 0 or fitted < 0.2 * rounded

@@ -29,6 +29,7 @@ class Bow(NamedTuple):
 
     basis: FloatArray  # (N, K) bending functions and kinks at the cells' centres
     rise: FloatArray  # (N, 2, BENDING) of their centres above the mean of the ends, along X and along Y
+    tilt: FloatArray  # (N, 2, K) of the middle of side 0 above that of side 2, and of side 1 above that of side 3
     prior: FloatArray  # (K,) weight of each factor's being 0, against a measured centre, 1 / mm2
     matrix: FloatArray  # (K, K) normal equations,
     factor: FloatArray  # (K,) their right side, then the factors beyond the surface's unknowns, mm
@@ -37,15 +38,22 @@ class Bow(NamedTuple):
 def make_bow(grid: CellGrid, surface: Surface) -> Bow:
     """Take the memory for this grid and its surface."""
     middle = bending_functions(grid, grid.centre_mm)
-    sides = bending_functions(grid, 0.5 * (grid.corners_mm + np.roll(grid.corners_mm, -1, axis=1)))
+    side_mm = 0.5 * (grid.corners_mm + np.roll(grid.corners_mm, -1, axis=1))
+    sides = bending_functions(grid, side_mm)
     rise = np.stack([middle - 0.5 * (sides[:, 1] + sides[:, 3]), middle - 0.5 * (sides[:, 0] + sides[:, 2])], axis=1)
-    X = grid.centre_mm[:, 0]
-    kinks = [np.maximum(X - fold, 0.0) / (0.5 * grid.outline_mm[0]) for fold in grid.folds_mm]
-    basis = np.column_stack([middle, *kinks])
+    basis = _with_kinks(grid, grid.centre_mm, middle)
+    ends = _with_kinks(grid, side_mm, sides)
     count = basis.shape[1]
     prior = np.full(count, (CLOSER * POINT_SIGMA_MM / KINK_SIGMA_MM) ** 2)
     prior[:BENDING] = CLOSER**2 * surface.point_prior[RIGID : RIGID + BENDING]
-    return Bow(basis, np.ascontiguousarray(rise), prior, np.zeros((count, count)), np.zeros(count))
+    tilt = np.ascontiguousarray(ends[:, :2] - ends[:, 2:])
+    return Bow(basis, np.ascontiguousarray(rise), tilt, prior, np.zeros((count, count)), np.zeros(count))
+
+
+def _with_kinks(grid: CellGrid, flat_mm: FloatArray, bending: FloatArray) -> FloatArray:
+    """Bending functions (..., BENDING) at places (..., 2) on the flat wing, and the kinks there."""
+    kinks = [np.maximum(flat_mm[..., 0] - fold, 0.0) / (0.5 * grid.outline_mm[0]) for fold in grid.folds_mm]
+    return np.concatenate([bending, np.stack(kinks, axis=-1)], axis=-1) if kinks else bending
 
 
 @kernel
@@ -72,6 +80,29 @@ def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
 
 
 @kernel
+def tilt_extents(surface: Surface, eyes: Eyes, corners_px: FloatArray, bow: Bow, out_px: FloatArray) -> None:
+    """Write to out_px (2, N, 2) what the fitted kinks add to each cell's extents from side 2 to 0 and from 3 to 1.
+
+    corners_px (2, N, 4, 2): the surface's ideal pixels. A cell seen askew is seen longer or shorter as it tilts.
+    """
+    R, count = surface.rotation, bow.factor.shape[0]
+    for n in range(bow.tilt.shape[0]):
+        X, Y, Z = locate(surface, n, 4)
+        for axis in range(2):
+            higher = 0.0
+            for j in range(count):
+                higher += bow.tilt[n, axis, j] * bow.factor[j]
+            for eye in range(2):
+                P = eyes.projection[eye]
+                _, nx, ny = side_normal(corners_px[eye, n], axis)
+                u, v, w = project(P, X, Y, Z)
+                up = 0.0  # px that a mm along the wing's normal is, across the sides
+                for i in range(3):
+                    up += ((P[0, i] - u * P[2, i]) * nx + (P[1, i] - v * P[2, i]) * ny) / w * R[i, 2]
+                out_px[eye, n, axis] = higher * up
+
+
+@kernel
 def unbend(
     surface: Surface,
     eyes: Eyes,
@@ -83,13 +114,12 @@ def unbend(
 ) -> None:
     """Move the valid points from the mean of their cells' corners to the bent cells' centres.
 
-    surface: fitted to the points. corners_px (2, N, 4, 2): its ideal pixels. covariance_px2 (2, N, 3): of the measured
-    centres. blur_px (2,): the lens's. A side along X is an arch, found above its ends by the mean of its measured
-    part, 1 - share^2 / 3 of the bow along X, and lies at the end of the bow along Y; a side along Y likewise. Moving
-    each to the height of the centre moves the centre in both images, and so the point, by one step of its
-    triangulation.
+    surface, bow: fitted to the points. corners_px (2, N, 4, 2): the surface's ideal pixels. covariance_px2 (2, N, 3):
+    of the measured centres. blur_px (2,): the lens's. A side along X is an arch, found above its ends by the mean of
+    its measured part, 1 - share^2 / 3 of the bow along X, and lies at the end of the bow along Y; a side along Y
+    likewise. Moving each to the height of the centre moves the centre in both images, and so the point, by one step of
+    its triangulation.
     """
-    fit_kinks(surface, points, bow)
     nx, ny, share, g, a = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros(3), np.zeros((2, 3))
     for n in range(points.valid.shape[0]):
         if not points.valid[n]:

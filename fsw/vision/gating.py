@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
 from fsw.vision.grid import IntArray
-from fsw.vision.prediction import GATE_SIGMAS
+from fsw.vision.prediction import GATE_SIGMAS, Surface, locate
 from fsw.vision.quads import Cells
 from fsw.vision.stereo import Points
 from wingbeat.kernels import kernel
@@ -52,6 +52,16 @@ def gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -
         if points.valid[n]:
             near = points.reprojection_px[n] <= reprojection_px and abs(points.epipolar_px[n]) <= epipolar_px
             points.valid[n] = near
+
+
+@kernel
+def measure_distance(surface: Surface, points: Points, chosen: NDArray[np.bool_], distance_mm: FloatArray) -> None:
+    """Write the distance (N,) from the surface of the chosen points (N,)."""
+    for n in range(chosen.shape[0]):
+        if chosen[n]:
+            x, y, z = locate(surface, n, 4)
+            dx, dy, dz = points.xyz_mm[n, 0] - x, points.xyz_mm[n, 1] - y, points.xyz_mm[n, 2] - z
+            distance_mm[n] = math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @kernel

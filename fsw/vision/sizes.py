@@ -1,10 +1,15 @@
-"""All cells of a wing have their expected size, up to what changes evenly across the view: others are not trusted.
+"""All cells of a wing have their size, up to what changes evenly across the view: others are not trusted.
 
-Where the surface is not exactly where it was expected, cells are seen larger or smaller, and more so towards the rim: a
-plane and its curvature through all sizes is no fault of any cell.
+What size a cell is seen with, the surface tells that was fitted to this tick's points, with its kinks at the folds: the
+one expected before would show cells larger or smaller towards the rim of a view in motion. Where even that is not
+exact, as with a blur or a scale that is a little wrong, a plane and its curvature through all sizes is no fault of any
+cell.
 """
 
 import math
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, solve
 from fsw.vision.perspective import extent_across, side_normal
@@ -22,16 +27,18 @@ _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do n
 
 
 @kernel
-def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: FloatArray, out: Cells) -> None:
+def widen_odd_sizes(
+    expected_px: FloatArray, tilted_px: FloatArray, work: FloatArray, out: Cells, odd: NDArray[np.bool_]
+) -> None:
     """Widen the covariance of cells an extent of which is odd: one of its two sides is off by the difference.
 
-    expected_px, deviation_px (N, 4, 2): see measure_cells; the deviation is left out, or a wrong side would confirm
-    itself from tick to tick. work (N + TERMS + 1, WORK): written. Which side is wrong is not known, so both may be: the
-    centre is off by half of the difference for each.
+    expected_px (N, 4, 2): corners by the surface fitted to this tick's points; tilted_px (N, 2): see tilt_extents.
+    work (N + TERMS + 1, WORK): written. odd (N,): set where a covariance was widened. Which side is wrong is not known,
+    so both may be: the centre is off by half of the difference for each.
     """
     cells = len(expected_px)
     for axis in range(2):
-        count = _compare(expected_px, deviation_px, axis, work, out)
+        count = _compare(expected_px, tilted_px, axis, work, out)
         if count < 3:
             continue
         scatter = _even(work, cells, TERMS if count >= _LEAST else 1)
@@ -46,11 +53,12 @@ def widen_odd_sizes(expected_px: FloatArray, deviation_px: FloatArray, work: Flo
                 if abs(off) > ODD_PX:
                     out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
                 wider = 0.5 * off * off
+                odd[n] = True
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
 
 
 @kernel
-def _compare(expected_px: FloatArray, deviation_px: FloatArray, axis: int, work: FloatArray, out: Cells) -> int:
+def _compare(expected_px: FloatArray, tilted_px: FloatArray, axis: int, work: FloatArray, out: Cells) -> int:
     """Write to work (N, ..) how much larger than expected cells are along an axis, its normal, and their terms.
 
     NaN where not both sides were seen. Returns of how many they were.
@@ -62,9 +70,9 @@ def _compare(expected_px: FloatArray, deviation_px: FloatArray, axis: int, work:
         if not out.paired[n, axis]:
             continue
         _, nx, ny = side_normal(expected_px[n], axis)
-        e, d = expected_px[n], deviation_px[n]
+        e = expected_px[n]
         work[n, 0] = extent_across(out.corners_px[n], axis, nx, ny)
-        work[n, 0] -= extent_across(e, axis, nx, ny) - extent_across(d, axis, nx, ny)
+        work[n, 0] -= extent_across(e, axis, nx, ny) + tilted_px[n, axis]
         work[n, 1], work[n, 2] = nx, ny
         u, v = 0.5 * (e[0, 0] + e[2, 0]), 0.5 * (e[0, 1] + e[2, 1])
         work[n, 5], work[n, 6] = u, v

@@ -140,13 +140,27 @@ def triangulate_cells(
 
     The mean of the corners has no perspective bias; its covariance is that of the centre's pixels.
     """
-    P, F = eyes.projection, eyes.fundamental
     for n in range(matched.shape[0]):
         out.valid[n] = False
         out.xyz_mm[n] = np.nan
         out.covariance_mm2[n] = np.nan
         out.sigma_mm[n] = out.reprojection_px[n] = out.epipolar_px[n] = np.nan
-        if not matched[n]:
+    retriangulate_cells(eyes, corners_px, centre_px, covariance_px2, matched, out)
+
+
+@kernel
+def retriangulate_cells(
+    eyes: Eyes,
+    corners_px: FloatArray,
+    centre_px: FloatArray,
+    covariance_px2: FloatArray,
+    chosen: BoolArray,
+    out: Points,
+) -> None:
+    """As triangulate_cells, of the chosen cells (N,): the others stay as they are."""
+    P, F = eyes.projection, eyes.fundamental
+    for n in range(chosen.shape[0]):
+        if not chosen[n]:
             continue
         weight = (_weight(covariance_px2[0, n]), _weight(covariance_px2[1, n]))
         mean_x, mean_y, mean_z = 0.0, 0.0, 0.0

@@ -8,9 +8,18 @@ from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
 from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
-from fsw.vision.bow import make_bow, unbend
+from fsw.vision.bow import fit_kinks, make_bow, tilt_extents, unbend
 from fsw.vision.edges import COMMON, FloatArray, Image, make_scratch
-from fsw.vision.gating import count, deviate, gate_columns, gate_points, gate_residuals, mean_sides, rms
+from fsw.vision.gating import (
+    count,
+    deviate,
+    gate_columns,
+    gate_points,
+    gate_residuals,
+    mean_sides,
+    measure_distance,
+    rms,
+)
 from fsw.vision.grid import CellGrid
 from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
 from fsw.vision.quads import Cells, make_cells, measure_cells
@@ -19,7 +28,7 @@ from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_
 from fsw.vision.sides import Lens
 from fsw.vision.sizes import TERMS, WORK, widen_odd_sizes
 from fsw.vision.standing_in import SHAPE_SIGMA, forget_size
-from fsw.vision.stereo import Points, make_points, triangulate_cells
+from fsw.vision.stereo import Points, make_points, retriangulate_cells, triangulate_cells
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
 SLIP = 0.5  # of the pitch: a wing that has moved farther in its plane since it was named may be one cell off
@@ -71,6 +80,8 @@ class Tracker:
         self._steps = np.zeros((2, STEP_ROWS, 3))
         self._correction = np.zeros((2, COMMON))  # of blur and widths, as this tick's edges have it
         self._sizes = np.zeros((2, count + TERMS + 1, WORK))
+        self._tilted_px = np.zeros((2, count, 2))
+        self._odd = np.zeros(count, dtype=np.bool_)
         pitch = [panel.pitch_mm for panel in grid.panels]
         self._slip_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
         self._named_mm: tuple[float, float] | None = None  # where the wing was in its plane when its cells were named
@@ -156,6 +167,12 @@ class Tracker:
         gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
         valid = gate_columns(points, self.distance_mm, self._column, self._work)
         expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
+        fit_kinks(self.surface, points, self._bow)
+        if self._judge_sizes(matched):
+            gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
+            measure_distance(self.surface, points, self._odd, self.distance_mm)
+            gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
+            valid = gate_columns(points, self.distance_mm, self._column, self._work)
         unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, self._bow, points)
         for eye in (0, 1):
             deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
@@ -163,6 +180,19 @@ class Tracker:
             self.discard()
             return 0
         return int(valid)
+
+    def _judge_sizes(self, matched: NDArray[np.bool_]) -> bool:
+        """Triangulate matched cells of odd sizes once more, by what they are worth; returns whether there are any."""
+        points, odd, cells = self.points, self._odd, self.cells
+        tilt_extents(self.surface, self.eyes, self.expected_px, self._bow, self._tilted_px)
+        odd[:] = False
+        for eye in (0, 1):
+            widen_odd_sizes(self.expected_px[eye], self._tilted_px[eye], self._sizes[eye], cells[eye], odd)
+        np.logical_and(odd, matched, out=odd)
+        retriangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, odd, points)
+        for eye in (0, 1):
+            np.logical_and(points.valid, cells[eye].found, out=points.valid)
+        return bool(count(odd) > 0)
 
     @property
     def _in_plane_mm(self) -> tuple[float, float]:
@@ -234,7 +264,6 @@ class Tracker:
             self._scratch[eye],
             self.cells[eye],
         )
-        widen_odd_sizes(self.expected_px[eye], self.deviation_px[eye], self._sizes[eye], self.cells[eye])
         correct(self._scratch[eye].pooled, self._correction[eye])
         widen_unsettled(self._correction[eye], self.cells[eye])
         learn_noise(self._scratch[eye].pooled, self.noise[eye])
