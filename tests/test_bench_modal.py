@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from sim.bench import modal_on_board
 from sim.bench.modal_records import DAMPING
 from sim.bench.modal_scores import MEDIAN, Found, Score
 from wingbeat.cli import app
@@ -24,7 +25,8 @@ def test_scores_of_known_modes():
 
 
 @pytest.mark.parametrize("table", ["decay", "loop", "on_board"])
-def test_tables_run_and_give_flat_rows(table):
+def test_tables_run_and_give_flat_rows(table, monkeypatch):
+    monkeypatch.setattr(modal_on_board, "_SECONDS", 1)
     arguments = ["bench", "modal", "--rows", table, "--runs", "1", "--json", "-"]
     result = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output

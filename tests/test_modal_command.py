@@ -42,7 +42,7 @@ def test_shapes_are_told_against_references(decay, tmp_path):
 
 
 def test_a_file_with_measured_torque_gives_the_plants_pole(tmp_path):
-    record = closed_loop(4)
+    record = closed_loop(7)
     np.savez(tmp_path / "loop.npz", time_s=record.time_s, y=record.y, u=record.u)
     (mode,) = [mode for mode in identified(tmp_path / "loop.npz")["modes"] if mode["valid"]]
     assert mode["frequency_hz"] == pytest.approx(abs(record.open_pole) / (2.0 * np.pi), rel=2e-3)

@@ -23,7 +23,7 @@ def test_pulse_response_through_the_observer_is_that_of_the_system():
 
 
 # With 3010 and 3032 the search begins at poles of noise as well, whose long steps held up the plant's.
-@pytest.mark.parametrize("seed", [2, 5, 7, 3010, 3032])
+@pytest.mark.parametrize("seed", [7, 3010, 3032])
 def test_outputs_alone_give_the_closed_loops_pole_and_the_torque_gives_the_plants(seed):
     record = closed_loop(seed)
     open_hz, closed_hz = (abs(pole) / (2.0 * np.pi) for pole in (record.open_pole, record.closed_pole))

@@ -41,23 +41,26 @@ def identify(
     u: FloatArray | None = None,
     overwrite: bool = False,
     known: Subspace | None = None,
+    whole: bool = False,
 ) -> ModalResult:
     """Modes of a record of vibration, each with its interval, its indicators and whether to believe it.
 
     time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
     decay, the stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were
-    measured, such as wheel torque; the modes are then those of the plant alone. overwrite: y (contiguous) may be used
-    up, which saves memory; its breaks were found by what was known before. Else, and without u, a record that breaks is
-    cut: the modes, its extent and the flag cut_at_break are those of the piece that tells most. y in single precision
-    stays so. known: what an identification of a record that overlaps with this one gave, which saves time.
-    Deterministic. Raises InputError for arrays that do not fit.
+    measured, such as wheel torque; the modes are then those of the plant alone. whole: the record does not break, or
+    its breaks were found by what was known before. Else, and without u, a record that breaks is cut: the modes, its
+    extent and the flag cut_at_break are those of the piece that tells most. overwrite: y (contiguous) may be used up,
+    which saves memory; what may be cut is kept. y in single precision stays so. known: what an identification of a
+    record that overlaps with this one gave, which saves time. Deterministic. Raises InputError for arrays that do not
+    fit.
     Source: section 5 of the paper (Eq. 31-41), refined by maximum likelihood.
     """
     settings = options or Options()
     time_s, y = _checked(time_s, y)
     most = max(min(settings.coordinates, len(time_s) // _SAMPLES_OF_A_COORDINATE), 1)
-    coordinates = principal_coordinates(time_s, y, most, overwrite, known)
-    piece = telling_piece(coordinates) if u is None and not overwrite else None
+    may_be_cut = u is None and not whole
+    coordinates = principal_coordinates(time_s, y, most, overwrite and not may_be_cut, known)
+    piece = telling_piece(coordinates) if may_be_cut else None
     if piece is not None:
         first = int(np.argmax(coordinates.kept))
         begin, end = np.searchsorted(time_s, time_s[first] + piece)

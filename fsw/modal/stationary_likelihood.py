@@ -154,12 +154,8 @@ def _search(
     caution = 1e-3
     for _ in range(_ROUNDS):
         before = now
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
         for _ in range(_TRIALS):
-            normal = information / np.outer(scale, scale)
-            for i in range(len(scale)):
-                normal[i, i] += caution
-            step = np.sum(inverse(normal)[0] * (score / scale), axis=1) / scale
+            step = _step(information, score, caution)
             its_f, its_a, its_v, its_unit, its_noise = _stepped(step, duration_s, f, a, v, unit, noise)
             its_now, its_score, its_information = likelihood(
                 band_hz, y, duration_s, its_f, its_a, its_v, its_unit, its_noise
@@ -176,6 +172,23 @@ def _search(
 
 
 @kernel
+def _step(information: FloatArray, score: FloatArray, caution: float) -> FloatArray:
+    """Step of scoring in the unknowns (n,), shorter with more caution, from the slopes (n,) and information (n, n)."""
+    n = len(score)
+    scale, normal, step = np.empty(n), np.empty((n, n)), np.zeros(n)
+    for i in range(n):
+        scale[i] = np.sqrt(max(information[i, i], 1e-12))
+    for i in range(n):
+        for j in range(n):
+            normal[i, j] = information[i, j] / (scale[i] * scale[j]) + (caution if i == j else 0.0)
+    curvature = inverse(normal)[0]
+    for i in range(n):
+        for j in range(n):
+            step[i] += curvature[i, j] * score[j] / (scale[i] * scale[j])
+    return step
+
+
+@kernel
 def _stepped(
     step: FloatArray,
     duration_s: float,
@@ -187,7 +200,8 @@ def _stepped(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
     """The modes and the noise after a step in the unknowns, none of it longer than is safe."""
     f, a, v, unit = frequency_hz.copy(), decay_rate.copy(), variance.copy(), shapes.copy()
-    own = len(shapes) + 2
+    q = len(shapes)
+    own = q + 2
     for j in range(len(f)):
         first = j * own
         widest = _HALF_WIDTHS * max(a[j], 0.2 / duration_s) / (2.0 * np.pi)
@@ -196,7 +210,11 @@ def _stepped(
         a[j] = min(max(grown, _LEAST_DECAY / duration_s), _MOST_DECAY / duration_s)
         v[j] *= np.exp(min(max(step[first + 2], -_LOGARITHM), _LOGARITHM))
         turns = tangents(shapes[:, j].copy())
-        for t in range(own - 3):
-            unit[:, j] += min(max(step[first + 3 + t], -_TURN), _TURN) * turns[t]
-        unit[:, j] /= np.sqrt(np.sum(unit[:, j] ** 2))
+        square = 0.0
+        for i in range(q):
+            for t in range(q - 1):
+                unit[i, j] += min(max(step[first + 3 + t], -_TURN), _TURN) * turns[t, i]
+            square += unit[i, j] ** 2
+        for i in range(q):
+            unit[i, j] /= np.sqrt(square)
     return f, a, v, unit, noise * np.exp(min(max(step[-1], -_LOGARITHM), _LOGARITHM))

@@ -50,7 +50,9 @@ def envelope(
 def inverse(A: FloatArray) -> tuple[FloatArray, float]:
     """Inverse (n, n) of a small matrix and the logarithm of its determinant's size, by elimination with pivots."""
     n = len(A)
-    left, right = A.copy(), np.eye(n)
+    left, right = A.copy(), np.zeros((n, n))
+    for i in range(n):
+        right[i, i] = 1.0
     logarithm = 0.0
     for i in range(n):
         best = i
@@ -118,17 +120,18 @@ def likelihood(
     for j in range(modes):
         v, s, first = variance[j], shapes[:, j].copy(), j * columns
         parts, turns = envelope(band_hz, frequency_hz[j], decay_rate[j], duration_s, True), tangents(s)
-        for i in range(3):  # the mode's a and b, their slopes by frequency, and by ln decay rate
-            for side in range(2):
-                x[first + 2 * i + side], u[first + 2 * i + side] = s, parts[i, 1 + side]
         for side in range(2):
             ends[2 * j + side], sign[2 * j + side] = first + side, (2 * side - 1) * v
-            for t in range(q - 1):
-                x[first + 6 + 2 * t + side], u[first + 6 + 2 * t + side] = turns[t], parts[0, 1 + side]
+            for i in range(own):  # the mode's a and b, their slopes by frequency, by ln decay rate, and turned
+                for a in range(q):
+                    x[first + 2 * i + side, a] = s[a] if i < 3 else turns[i - 3, a]
+                for k in range(count):
+                    u[first + 2 * i + side, k] = parts[i if i < 3 else 0, 1 + side, k]
         for i in range(own):
             unknown = j * own + i
             part = (1, 2, 0)[i] if i < 3 else 0
-            w[unknown] = parts[part, 0]
+            for k in range(count):
+                w[unknown, k] = parts[part, 0, k]
             for side in range(2):
                 other = first + 6 + 2 * (i - 3) if i >= 3 else first + 2 * part
                 pair[unknown, side, 0], pair[unknown, side, 1] = first + side, other + side
@@ -150,8 +153,11 @@ def likelihood(
             determinant += np.log(E[k, 0, 0])
             E[k, 0, 0] = 1.0 / E[k, 0, 0]
         else:
-            E[k], logarithm = inverse(E[k])
+            its_inverse, logarithm = inverse(E[k])
             determinant += logarithm
+            for a in range(q):
+                for b in range(q):
+                    E[k, a, b] = its_inverse[a, b]
     # F = E v of all columns, their products N, and the inverse Q of what the ends add.
     F, N = np.empty((R, count, q)), np.empty((R, R))
     for r in range(R):
@@ -170,18 +176,19 @@ def likelihood(
             N[r, o] = N[o, r] = total
     inner, met = np.empty((ranks, ranks)), np.empty((ranks, R))
     for i in range(ranks):
-        met[i] = N[ends[i]]
+        for r in range(R):
+            met[i, r] = N[ends[i], r]
         for j in range(ranks):
             inner[i, j] = N[ends[i], ends[j]] + (1.0 / sign[i] if i == j else 0.0)
         determinant += np.log(abs(sign[i]))
     Q, logarithm = inverse(inner)
     determinant += logarithm
     # H = covariance^-1 v of all columns, their products N, and the part L of the inverse that is due to the ends.
-    Z = Q @ met
-    H, L = F.copy(), np.zeros((count, q, q))
+    Z, H, L = _product(Q, met), F.copy(), np.zeros((count, q, q))
     for r in range(R):
         for i in range(ranks):
-            N[r] -= met[i, r] * Z[i]
+            for o in range(R):
+                N[r, o] -= met[i, r] * Z[i, o]
             for k in range(count):
                 for a in range(q):
                     H[r, k, a] -= Z[i, r] * F[ends[i], k, a]
@@ -236,7 +243,10 @@ def likelihood(
                     for a in range(q):
                         for b in range(q):
                             G[i, m, n] += w[i, k] * X[i, a, b] * F[ends[m], k, a] * F[ends[n], k, b]
-        G[i] = Q @ G[i]
+        product = _product(Q, G[i])
+        for m in range(ranks):
+            for n in range(ranks):
+                G[i, m, n] = product[m, n]
     information = np.empty((unknowns, unknowns))
     for i in range(unknowns):
         for j in range(i + 1):
@@ -256,6 +266,17 @@ def likelihood(
                     total += 2.0 * c[i, one] * c[j, two] * (N[r, o] * N[s, p] + N[r, p] * N[s, o])
             information[i, j] = information[j, i] = pieces * total
     return -pieces * determinant - square, score, information
+
+
+@kernel
+def _product(A: FloatArray, B: FloatArray) -> FloatArray:
+    """A B of small matrices."""
+    result = np.zeros((len(A), B.shape[1]))
+    for i in range(len(A)):
+        for k in range(len(B)):
+            for j in range(B.shape[1]):
+                result[i, j] += A[i, k] * B[k, j]
+    return result
 
 
 @kernel

@@ -79,7 +79,7 @@ class Identify:
         t = np.linspace(0.0, 0.1 * self._table.least_ticks, self._table.least_ticks)
         y = ((np.exp(-0.05 * t) * np.cos(4.0 * t))[:, None] * np.linspace(0.5, 1.0, 90)).astype(np.float32)
         y[1, 1] = NAN
-        identify(t, y, "decay", self._options, overwrite=True)
+        identify(t, y, "decay", self._options, overwrite=True, whole=True)
 
     def take(self, tick: int) -> bool:
         """Copy the history; False while it is too short, or nothing is measured."""
@@ -129,7 +129,7 @@ class Identify:
         # A record that has nothing in common with the one before begins by itself.
         overlaps = not start and time_ns[0] <= self._delivered_ns
         known = self._subspace.of(channels) if self._subspace is not None and overlaps else None
-        result = identify(time_s, y, self._table.kind, self._options, overwrite=True, known=known)
+        result = identify(time_s, y, self._table.kind, self._options, overwrite=True, whole=True, known=known)
         self._next_subspace = result.subspace.among(channels) if result.subspace is not None else None
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
 

@@ -66,7 +66,7 @@ def _each_second(duration_s: float, missing: float, seeds: Sequence[int]) -> Row
             piece = noisy[begin : begin + length].copy()
             with threadpool_limits(limits=1):
                 start = time.thread_time()
-                result = identify(time_s[:length], piece, overwrite=True, known=known)
+                result = identify(time_s[:length], piece, overwrite=True, whole=True, known=known)
                 costs.append(time.thread_time() - start)
             known = result.subspace
             found.append(len(result.valid_modes) == len(modes))
@@ -101,10 +101,10 @@ def kept(seed: int, missing: float) -> Row:
     history.copy_latest(copy)
     y = copy.reshape(len(copy), -1)
     with threadpool_limits(limits=1):
-        known = identify(time_s, y.copy(), overwrite=True).subspace
+        known = identify(time_s, y.copy(), overwrite=True, whole=True).subspace
         tracemalloc.start()
         try:
-            identify(time_s, y, overwrite=True, known=known)
+            identify(time_s, y, overwrite=True, whole=True, known=known)
             work = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
