@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.indicators import amplitude_coherence, modal_singular_value
-from fsw.modal.realisation import Poles, Realisation, continuous, frequency_and_damping, poles_of_order
+from fsw.modal.realisation import Realisation, continuous, frequency_and_damping, poles_of_orders
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -86,18 +86,10 @@ def stabilisation(system: Realisation, rate_hz: float, columns: int, band_hz: tu
         frequency_hz, damping = frequency_and_damping(continuous(z, rate_hz))
         return (frequency_hz >= band_hz[0]) & (frequency_hz < band_hz[1]) & (damping > -0.1) & (damping < 0.3)
 
-    orders = range(2, system.order + 1, 2)
-    each = [poles_of_order(system, order, vibrates) for order in orders]
-    order = np.repeat(orders, [len(poles.z) for poles in each])
-    if len(order) == 0:
+    poles = poles_of_orders(system, range(2, system.order + 1, 2), vibrates)
+    if len(poles.z) == 0:
         return []
-    # The poles of all orders are judged at once.
-    poles = Poles(
-        z=np.concatenate([poles.z for poles in each]),
-        shape=np.hstack([poles.shape for poles in each]),
-        participation=np.vstack([poles.participation for poles in each]),
-        identified=np.vstack([poles.identified for poles in each]),
-    )
+    order = poles.order
     coherence = amplitude_coherence(poles, columns)
     strength = modal_singular_value(poles, columns)
     s = continuous(poles.z, rate_hz)

@@ -192,12 +192,15 @@ def onset(time_s: FloatArray, signals: FloatArray) -> int:
     The record is cut in 40 pieces. The piece that changes most is the strike, if it is four times as loud as
     what came before.
     """
-    pieces = np.array_split(np.arange(len(signals)), min(40, max(len(signals) // 8, 1)))
-    change = np.diff(signals, axis=0, prepend=signals[:1])
-    loud = np.array([float(np.mean(change[piece] ** 2)) for piece in pieces])
+    pieces = min(40, max(len(signals) // 8, 1))
+    size, longer = divmod(len(signals), pieces)
+    begins = size * np.arange(pieces) + np.minimum(np.arange(pieces), longer)
+    change = np.zeros(len(signals))
+    change[1:] = np.sum(np.diff(signals, axis=0) ** 2, axis=1)
+    loud = np.add.reduceat(change, begins) / np.diff(begins, append=len(signals))
     strike = int(np.argmax(loud))
     before = float(np.median(loud[: strike + 1]))
-    if strike == 0 or loud[strike] < 16.0 * before or strike > 0.7 * len(pieces):
+    if strike == 0 or loud[strike] < 16.0 * before or strike > 0.7 * pieces:
         return 0
-    start = int(pieces[min(strike + 1, len(pieces) - 1)][0])
+    start = int(begins[min(strike + 1, pieces - 1)])
     return start if len(signals) - start >= LEAST_SAMPLES else 0

@@ -26,6 +26,7 @@ from fsw.modal.kind import convincing
 from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import (
+    beside,
     departure,
     fit_coherence,
     frequency_change,
@@ -54,7 +55,9 @@ def identify_decay(
     count = len(fit.poles)
     frequency_hz, damping = np.abs(fit.poles) / (2.0 * np.pi), -fit.poles.real / np.abs(fit.poles)
     loss = weighting_loss(len(time_s) - len(fit.triangle), fit.residual.shape[1])
-    sigmas = modal_sigmas(fit.poles, fit.information, loss * noise_beside(time_s, fit))
+    around = [beside(time_s, fit, j) for j in range(count)]
+    noise = np.array([there.power(fit.residual) for there in around])
+    sigmas = modal_sigmas(fit.poles, fit.information, loss * noise)
     coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
     agrees = early_part_agrees(time_s, coordinates.signals[start:], fit, options.drift_degree)
     shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
@@ -62,6 +65,8 @@ def identify_decay(
     modes = []
     for j in map(int, np.flatnonzero(coherence > _NO_MODE)):
         flags = _flags(j, time_s, decay, frequency_hz, damping, sigmas, coherence, amplitude, coordinates.rate_hz)
+        if varies(*frequency_change(time_s, fit, j, around[j]), float(frequency_hz[j])):
+            flags.append("time_varying")
         if amplitude[j] < options.minimum_amplitude:
             flags.append("weak")
         if not agrees[j]:
@@ -144,8 +149,6 @@ def _flags(
     flags = common_flags(f, float(sigmas[j, 0]), zeta, float(decay.coherence[j]), rate_hz, duration_s)
     flags += decay_flags(zeta, sigmas[j], f, duration_s, float(coherence[j]))
     flags += weak_flags(j, list(frequency_hz), list(sigmas[:, 0]), list(amplitude))
-    if varies(*frequency_change(time_s, decay.fit, j), f):
-        flags.append("time_varying")
     if departs(*departure(time_s, decay.fit, j)):
         flags.append("not_exponential")
     return flags

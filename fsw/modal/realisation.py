@@ -1,6 +1,6 @@
 """From correlations to poles: block Hankel matrices, their singular values, and the realisation A, B, C (Eq. 33-38)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,12 +34,13 @@ class Realisation:
 
 @dataclass(frozen=True)
 class Poles:
-    """Modes of one order, those with positive frequency only.
+    """Modes of one order or many, those with positive frequency only.
 
-    z (k,) discrete poles; shape (p, k) = C psi; participation (k, m) = psi^-1 B; identified (k, columns *
+    order (k,) of the realisation; z (k,) discrete poles; shape (p, k) = C psi; participation (k, m) = psi^-1 B; identified (k, columns *
     m): the modal amplitudes' series psi^-1 S^1/2 V^T.
     """
 
+    order: NDArray[np.int64]
     z: ComplexArray
     shape: ComplexArray
     participation: ComplexArray
@@ -63,10 +64,11 @@ def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
     h (K, p, m) with K >= rows + columns. The order is cut to the numerical rank of H(0). Source: Eq. 34-36.
     """
     _, p, m = h.shape
-    U, s, Vt = leading_singular(Dense(block_hankel(h, rows, columns)), order)
+    H = block_hankel(h, rows + 1, columns)
+    U, s, Vt = leading_singular(Dense(H[:-p]), order)
     n, root = _cut(s, order)
     left, right = U[:, :n] / root, Vt[:n].T / root
-    A = left.T @ block_hankel(h, rows, columns, 1) @ right
+    A = left.T @ H[p:] @ right
     controllability = Vt[:n] * root[:, None]
     return Realisation(A, controllability[:, :m].copy(), U[:p, :n] * root, controllability)
 
@@ -92,17 +94,27 @@ def _cut(s: FloatArray, order: int) -> tuple[int, FloatArray]:
     return n, np.sqrt(s[:n])
 
 
-def poles_of_order(
-    system: Realisation, order: int, wanted: Callable[[ComplexArray], NDArray[np.bool_]] | None = None
-) -> Poles:
-    """Eigenvalues and modal matrices of the realisation cut to an order; wanted: which of the poles z (k,) to keep.
+def poles_of_order(system: Realisation, order: int) -> Poles:
+    """Eigenvalues and modal matrices of the realisation cut to an order.
 
     Balanced coordinates make the leading block of A the realisation of the lower order. Source: Eq. 37, 38.
     """
-    real, imaginary, left, right, failed = dgeev(system.A[:order, :order])
-    if failed:
-        raise np.linalg.LinAlgError("the eigenvalues of a realisation do not converge")
-    z = real + 1j * imaginary
+    return poles_of_orders(system, [order])
+
+
+def poles_of_orders(
+    system: Realisation, orders: Sequence[int], wanted: Callable[[ComplexArray], NDArray[np.bool_]] | None = None
+) -> Poles:
+    """The same of many orders, one after the other; wanted: which of the poles z (k,) to keep."""
+    ends = np.cumsum(orders)
+    z = np.empty(sum(orders), np.complex128)
+    # Vectors of a lower order are zero beyond it: so all orders' shapes are one product.
+    left, right = np.zeros((2, system.order, len(z)))
+    for order, end in zip(orders, ends, strict=True):
+        own = slice(end - order, end)
+        z.real[own], z.imag[own], left[:order, own], right[:order, own], failed = dgeev(system.A[:order, :order])
+        if failed:
+            raise np.linalg.LinAlgError("the eigenvalues of a realisation do not converge")
     keep = np.flatnonzero((z.imag > 0.0) & (np.abs(z) > 1e-6))
     if wanted is not None:
         keep = keep[wanted(z[keep])]
@@ -112,10 +124,11 @@ def poles_of_order(
     length = np.sum(inverse * psi.T, axis=1)[:, None]
     inverse /= np.where(length == 0.0, np.inf, length)
     return Poles(
+        order=np.repeat(orders, orders)[keep],
         z=z[keep],
-        shape=_product(system.C[:, :order], psi),
-        participation=_product(inverse, system.B[:order]),
-        identified=_product(inverse, system.controllability[:order]),
+        shape=_product(system.C, psi),
+        participation=_product(inverse, system.B),
+        identified=_product(inverse, system.controllability),
     )
 
 

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgeqrf, dgesdd, dorgqr
 
 FloatArray = NDArray[np.float64]
 
@@ -104,8 +105,8 @@ def leading_singular(
         return _svd(H.dense())
     Q = _chirps(H.shape[1], width) if start is None else start
     for _ in range(_ROUNDS if start is None else 1):
-        Q, _ = np.linalg.qr(H.times(Q))
-        Q, _ = np.linalg.qr(H.transposed_times(Q))
+        Q = _orthonormal(H.times(Q))
+        Q = _orthonormal(H.transposed_times(Q))
     U, s, W = _svd(H.times(Q))
     return U, s, W @ Q.T
 
@@ -116,9 +117,13 @@ def _chirps(length: int, count: int) -> FloatArray:
     return np.cos(np.pi * i**2 * (2.0 * np.arange(count) + 1.0) / (2.0 * length))
 
 
+def _orthonormal(A: FloatArray) -> FloatArray:
+    """Orthonormal columns (M, k) that span those of A. LAPACK itself: what is wrapped round it costs as much."""
+    factored, tau, *_ = dgeqrf(A)
+    return np.asarray(dorgqr(factored, tau)[0])
+
+
 def _svd(H: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Thin singular value decomposition: by divide and conquer, or by the slower QR iteration where that gives up."""
-    try:
-        return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesdd")
-    except np.linalg.LinAlgError:
-        return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesvd")
+    U, s, Vt, failed = dgesdd(H, full_matrices=0)
+    return scipy.linalg.svd(H, full_matrices=False, lapack_driver="gesvd") if failed else (U, s, Vt)

@@ -1,7 +1,7 @@
 """Intervals that tell the truth: Cramer-Rao, Au's law for ambient response, coloured noise, time variation."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ ComplexArray = NDArray[np.complex128]
 # Frequencies beside a mode, in units of 1 / T, at which the residual tells the noise: near enough to feel
 # its colour, but not the line itself, which the fit has emptied.
 _REACH = 11
-_BESIDE = np.flatnonzero(np.abs(np.arange(-_REACH, _REACH + 1)) > 1)
 # A frequency of which the fit leaves less than this share of white noise tells nothing.
 _CLEAR = 0.3
 # The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
@@ -66,44 +65,60 @@ def direction(fit: Fit, mode: int) -> FloatArray:
 
 def turning(time_s: FloatArray, first_hz: float, step_hz: float, count: int) -> FloatArray:
     """Cosines and sines (2, count, T) at so many frequencies, evenly apart."""
-    waves = np.empty((count, len(time_s)), np.complex128)
-    waves[0] = np.exp(2j * np.pi * first_hz * time_s)
-    turn = np.exp(2j * np.pi * step_hz * time_s)
-    for k in range(1, count):
-        np.multiply(waves[k - 1], turn, out=waves[k])
-    return np.stack([waves.real, waves.imag])
+    waves = np.empty((2, count, len(time_s)))
+    wave, turn = np.exp(2j * np.pi * np.array([[first_hz], [step_hz]]) * time_s)
+    for k in range(count):
+        waves[0, k], waves[1, k] = wave.real, wave.imag
+        wave *= turn
+    return waves
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Frequencies beside a mode, 1 / T apart, at which the residual of a fit tells the noise.
+
+    waves (2, n, T): cosines and sines there; left_of_all, left_of_own (n,): of their energy, what lies outside of the
+    fit's span, and outside of the tangent of the mode's own pole as well; along (p,): direction in which the mode moves.
+    """
+
+    waves: FloatArray
+    left_of_all: FloatArray
+    left_of_own: FloatArray
+    along: FloatArray
+
+    def power(self, residual: FloatArray) -> float:
+        """Power of a residual (T, p) there, along the mode's direction: 1 for white noise of unit variance."""
+        seen = self.waves @ residual
+        overall = float(np.mean(np.sum(seen**2, axis=(0, 1)))) / max(float(np.sum(self.left_of_all)), 1e-300)
+        clear = self.left_of_own > _CLEAR * len(residual)
+        along = np.sum((seen[:, clear] @ self.along) ** 2, axis=0)
+        power = float(np.sum(along / self.left_of_own[clear]))
+        return (power + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
+
+
+def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
+    """The frequencies beside one mode of a fit.
+
+    What the fit takes out of white noise at these frequencies (drift and other modes near by) is put back in
+    expectation. True stamps: a plain sum of exponentials needs no even grid.
+    """
+    duration_s, own = float(time_s[-1]), slice(2 * mode, 2 * mode + 2)
+    frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
+    steps = np.arange(max(int(np.floor(-frequency_hz * duration_s)) + 1, -_REACH), _REACH + 1)
+    waves = turning(time_s, frequency_hz + float(steps[0]) / duration_s, 1.0 / duration_s, len(steps))
+    waves = waves[:, np.abs(steps) > 1]
+    spanned = np.sum((waves @ fit.orthonormal) ** 2, axis=(0, 2))
+    pulled = waves @ fit.tangent[:, own]
+    inverse = np.linalg.pinv(fit.span.gram[own, own], hermitian=True)
+    left_of_all = np.maximum(len(time_s) - spanned, 0.0)
+    left_of_own = np.maximum(left_of_all - np.sum((pulled @ inverse) * pulled, axis=(0, 2)), 0.0)
+    return Beside(waves, left_of_all, left_of_own, direction(fit, mode))
 
 
 def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = None) -> FloatArray:
-    """Power (m,) of the residual beside the frequency of each mode (default: all), along the direction it moves in.
-
-    1 for white noise of unit variance. What the fit takes out of white noise at these frequencies (drift and other
-    modes near by) is put back in expectation. True stamps: a plain sum of exponentials needs no even grid.
-    """
-    chosen = np.arange(len(fit.poles)) if modes is None else np.asarray(modes, np.int64)
-    columns = np.hstack([fit.orthonormal, fit.tangent, fit.residual])
-    return np.array([_noise_beside(time_s, fit, int(j), columns) for j in chosen])
-
-
-def _noise_beside(time_s: FloatArray, fit: Fit, mode: int, columns: FloatArray) -> float:
-    """columns (T, n): of the fit's span, tangent and residual side by side."""
-    duration_s, own = float(time_s[-1]), slice(2 * mode, 2 * mode + 2)
-    frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
-    waves = turning(time_s, frequency_hz - _REACH / duration_s, 1.0 / duration_s, 2 * _REACH + 1)
-    waves = waves[:, _BESIDE[frequency_hz + (_BESIDE - _REACH) / duration_s > 0.0]]
-    met = waves @ columns
-    spanned, tangent, seen = np.split(
-        met, [fit.orthonormal.shape[1], fit.orthonormal.shape[1] + fit.tangent.shape[1]], 2
-    )
-    pulled = tangent[:, :, own]
-    inverse = np.linalg.pinv(fit.span.gram[own, own], hermitian=True)
-    left_of_all = np.maximum(len(time_s) - np.sum(spanned**2, axis=(0, 2)), 0.0)
-    left_of_own = np.maximum(left_of_all - np.sum((pulled @ inverse) * pulled, axis=(0, 2)), 0.0)
-    overall = float(np.mean(np.sum(seen**2, axis=(0, 1)))) / max(float(np.sum(left_of_all)), 1e-300)
-    clear = left_of_own > _CLEAR * len(time_s)
-    along = np.sum((seen[:, clear] @ direction(fit, mode)) ** 2, axis=0)
-    power = float(np.sum(along / left_of_own[clear]))
-    return (power + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
+    """Power (m,) of the residual beside the frequency of each mode (default: all), along the direction it moves in."""
+    chosen = range(len(fit.poles)) if modes is None else modes
+    return np.array([beside(time_s, fit, j).power(fit.residual) for j in chosen])
 
 
 def weighting_loss(samples: float, coordinates: int) -> float:
@@ -154,7 +169,7 @@ def departure(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
     return float(left[worst]) / amplitude, float(left[worst]) * float(np.sqrt(samples[enough][worst])) / 2.0
 
 
-def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
+def frequency_change(time_s: FloatArray, fit: Fit, mode: int, around: Beside) -> tuple[float, float]:
     """Change of a mode's frequency in Hz while it can be seen, and its standard deviation.
 
     The score test of a linear frequency ramp: the residual is projected on the model's derivative by the
@@ -164,8 +179,8 @@ def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, fl
     modes = len(fit.poles)
     s = complex(fit.poles[mode])
     X = fit.coefficients[2 * mode : 2 * mode + 2]
-    ramp = (0.5 * time_s[:, None] ** 2 * fit.span.basis[:, 2 * mode : 2 * mode + 2]) @ np.stack([X[1], -X[0]])
-    ramp = ramp - fit.orthonormal @ (fit.orthonormal.T @ ramp)
+    waves = 0.5 * time_s[:, None] ** 2 * fit.span.basis[:, 2 * mode : 2 * mode + 2]
+    ramp = (waves - fit.orthonormal @ (fit.orthonormal.T @ waves)) @ np.stack([X[1], -X[0]])
     E = fit.tangent
     # Remove what the poles' own derivatives can explain, without building them: all is done in their Gram
     # matrices.
@@ -178,7 +193,7 @@ def frequency_change(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, fl
     if energy <= 0.0:
         return 0.0, np.inf
     rate = float(np.sum(ramp * fit.residual)) / energy
-    noise = float(noise_beside(time_s, replace(fit, residual=fit.residual - rate * ramp), [mode])[0])
+    noise = around.power(fit.residual - rate * ramp)
     seen_s = min(float(time_s[-1]), 3.0 / max(-s.real, 1e-12))
     to_hz = seen_s / (2.0 * np.pi)
     return rate * to_hz, (noise / energy) ** 0.5 * to_hz
