@@ -5,14 +5,10 @@ import pytest
 from scipy.linalg import toeplitz
 
 from fsw.modal.pipeline import identify
-from fsw.modal.stationary_likelihood import (
-    Band,
-    band_of,
-    first_guess,
-    most_likely,
-    without,
-)
-from fsw.modal.stationary_model import envelope, inverse, likelihood, tangents
+from fsw.modal.small_matrices import inverse, tangents
+from fsw.modal.stationary_envelope import envelope, woodbury
+from fsw.modal.stationary_likelihood import band_of, first_guess, most_likely, without
+from fsw.modal.stationary_model import Band, Modes, likelihood
 from fsw.modal.stationary_posterior import posterior
 from sim.bench.modal_bounds import uncertainty_law
 from sim.bench.modal_records import AMBIENT, free_decay, grid, pole, shapes, stationary
@@ -51,21 +47,36 @@ def test_spectrum_of_a_mode_is_that_of_an_oscillator_under_white_force():
     assert np.allclose(d / d[6], response / response[6], rtol=5e-3)
 
 
+def test_inverse_of_a_modes_covariance_is_made_of_weights_and_two_ranks():
+    noise, y = np.array([0.1, 1.0]), np.random.default_rng(1).standard_normal(len(BAND_HZ))
+    parts = envelope(BAND_HZ, 1.03, 0.2, 20.0, False)[0]
+    _, a, b = parts
+    weights, logarithm, products = woodbury(parts, noise, np.stack([y * y, a * y, b * y], axis=1))
+    for n in range(2):
+        covariance = of_model(1.03, 0.2, 20.0) + noise[n] * np.eye(len(y))
+        aa, bb, ab, square, ay, by = products[n]
+        assert logarithm[n] == pytest.approx(np.linalg.slogdet(covariance)[1])
+        assert np.allclose(weights[n], 1.0 / (parts[0] + noise[n]))
+        by_ranks = square - (ay**2 * bb + by**2 * aa - 2.0 * ay * by * ab) / (aa * bb - ab**2)
+        assert by_ranks == pytest.approx(y @ np.linalg.solve(covariance, y))
+
+
 def noisy_band(seed: int, directions: int, pieces: int = 2) -> Band:
     rng = np.random.default_rng(seed)
     shape = (pieces, len(BAND_HZ), directions)
     return Band(BAND_HZ, rng.standard_normal(shape) + 1j * rng.standard_normal(shape), 20.0)
 
 
-def modes_of(seed: int, modes: int, directions: int) -> tuple[np.ndarray, ...]:
-    """Frequencies, decay rates, variances and unit shapes of modes in the band."""
+def modes_of(seed: int, modes: int, directions: int) -> Modes:
+    """Modes in the band."""
     rng = np.random.default_rng([seed, modes, directions])
     form = rng.standard_normal((directions, modes))
-    return (
+    return Modes(
         rng.uniform(0.95, 1.05, modes),
         rng.uniform(0.1, 0.3, modes),
         rng.uniform(1.0, 3.0, modes),
         form / np.linalg.norm(form, axis=0),
+        0.5,
     )
 
 
@@ -83,8 +94,8 @@ def dense_model(steps: np.ndarray, f, a, v, form, noise) -> np.ndarray:
 @pytest.mark.parametrize(("modes", "directions"), [(1, 1), (2, 1), (2, 2), (3, 3)])
 def test_likelihood_slopes_and_information_are_those_of_a_complex_normal(modes, directions):
     band = noisy_band(0, directions)
-    model = (*modes_of(0, modes, directions), 0.5)
-    value, score, information = likelihood(BAND_HZ, band.coefficients, 20.0, *model)
+    model = modes_of(0, modes, directions)
+    value, score, information = likelihood(band, model)
     y = band.coefficients.transpose(0, 2, 1).reshape(2, -1)
 
     def direct(steps: np.ndarray) -> float:
@@ -130,8 +141,8 @@ def test_a_close_pair_is_told_apart_from_a_poor_guess():
         band, _ = close_pair(300 + seed)
         guess = first_guess(band, np.array([0.728, 0.762]), np.array([0.01, 0.1]), np.eye(2) + 0.2)
         group = most_likely(band, guess)
-        assert group.likelihood > guess.likelihood
-        both = [posterior(band, group, j, np.linalg.pinv(group.shapes)[j]) for j in range(2)]
+        assert group.likelihood > likelihood(band, guess)[0]
+        both = [posterior(band, group.modes, j, np.linalg.pinv(group.modes.shapes)[j]) for j in range(2)]
         for f, found in zip((0.73, 0.76), both, strict=True):
             rate = -pole(f).real
             deviations.append((found.frequency_hz - f) / found.frequency_sigma_hz)
@@ -149,7 +160,7 @@ def test_a_steady_line_is_as_likely_as_a_mode():
     noise = 0.1 * np.random.default_rng(4).standard_normal(count)
     band = band_of((np.sin(2 * np.pi * 1.003 * time_s) + noise)[:, None], rate_hz, 0.9, 1.1)
     group = most_likely(band, first_guess(band, np.array([1.0]), np.array([0.05]), np.ones((1, 1))))
-    assert posterior(band, group, 0, np.ones(1)).line_gain < 4.0
+    assert posterior(band, group.modes, 0, np.ones(1)).line_gain < 4.0
 
 
 def test_long_records_are_cut_in_pieces():

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.uncertainty import turning
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -69,13 +70,7 @@ def weigh_peak(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_
     shape = expected_peak(f, frequency_hz, decay_rate, duration_s)
     floor = float(np.mean(np.sort(periodogram)[: max(len(f) // 4, 2)]))
     variance = 2.0 * float(np.sum(periodogram)) / duration_s
-    for _ in range(_ROUNDS):
-        # Expectation-maximisation of two exponential spectra: each bin's power is shared out by the model of
-        # the round before.
-        share = variance * shape / (variance * shape + floor)
-        ratio = periodogram / (variance * shape + floor)
-        variance *= float(np.sum(share * ratio) / np.sum(share))
-        floor *= float(np.sum((1.0 - share) * ratio) / np.sum(1.0 - share))
+    variance, floor = _shared_out(periodogram, shape, variance, floor)
     model = variance * shape + floor
     loss = float(np.sum(np.log(model) + periodogram / model))
     top = variance * float(expected_peak(np.array([frequency_hz]), frequency_hz, decay_rate, duration_s)[0])
@@ -89,9 +84,23 @@ def weigh_peak(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_
     )
 
 
+@kernel
+def _shared_out(periodogram: FloatArray, shape: FloatArray, variance: float, floor: float) -> tuple[float, float]:
+    """Variance and floor of two exponential spectra by expectation-maximisation: each bin's power is shared out by the
+    model of the round before.
+    """
+    for _ in range(_ROUNDS):
+        peak = variance * shape
+        share, ratio = peak / (peak + floor), periodogram / (peak + floor)
+        variance *= np.sum(share * ratio) / np.sum(share)
+        floor *= np.sum((1.0 - share) * ratio) / np.sum(1.0 - share)
+    return variance, floor
+
+
 def _smooth_loss(f: FloatArray, periodogram: FloatArray) -> float:
     """Whittle loss of a spectrum without peaks: a power law over the band, of the right mean."""
-    line = np.exp(np.polynomial.Polynomial.fit(np.log(f), np.log(periodogram), 1)(np.log(f)))
+    along, level = np.log(f) - np.mean(np.log(f)), np.log(periodogram)
+    line = np.exp(np.mean(level) + along * (along @ level) / (along @ along))
     line = line * float(np.mean(periodogram / line))
     return float(np.sum(np.log(line) + periodogram / line))
 

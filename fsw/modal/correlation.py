@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 FloatArray = NDArray[np.float64]
 
@@ -28,14 +29,16 @@ def spectral(signals: FloatArray, lags: int) -> FloatArray:
     decay this form destroys the damping, for its window shrinks while the signal decays. Source: Eq. 31 and
     the text after Fig. 9.
     """
-    count = len(signals)
-    size = 1 << (count + lags).bit_length()
-    spectrum = np.fft.rfft(signals, size, axis=0)
-    products = np.empty((lags, signals.shape[1], signals.shape[1]))
-    pairs = (count - np.arange(1, lags + 1))[:, None]
-    for j in range(signals.shape[1]):
-        cross = spectrum * spectrum[:, j : j + 1].conj()
-        products[:, :, j] = np.fft.irfft(cross, size, axis=0)[1 : lags + 1] / pairs
+    count, width = signals.shape
+    size = next_fast_len(count + lags, real=True)
+    spectrum = np.fft.rfft(np.ascontiguousarray(signals.T), size)
+    products = np.empty((lags, width, width))
+    pairs = count - np.arange(1, lags + 1)
+    for j in range(width):
+        # Of two signals one transform gives both orders: the other one stands at negative lags.
+        cross = np.fft.irfft(spectrum[j:] * spectrum[j].conj(), size)
+        products[:, j, j:] = (cross[:, : -lags - 1 : -1] / pairs).T
+        products[:, j:, j] = (cross[:, 1 : lags + 1] / pairs).T
     return products
 
 

@@ -36,8 +36,8 @@ class Realisation:
 class Poles:
     """Modes of one order or many, those with positive frequency only.
 
-    order (k,) of the realisation; z (k,) discrete poles; shape (p, k) = C psi; participation (k, m) = psi^-1 B; identified (k, columns *
-    m): the modal amplitudes' series psi^-1 S^1/2 V^T.
+    order (k,) of the realisation; z (k,) discrete poles; shape (p, k) = C psi; participation (k, m) = psi^-1 B;
+    identified (k, columns * m): the modal amplitudes' series psi^-1 S^1/2 V^T.
     """
 
     order: NDArray[np.int64]

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.stationary_envelope import envelope, woodbury
 from fsw.modal.stationary_likelihood import half_band_hz
-from fsw.modal.stationary_model import envelope
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -52,50 +52,51 @@ def drift_profile(
     y = np.fft.fft(envelope * turns, axis=1)[:, : len(wide)][:, inside]
     near_hz = frequency_hz + np.linspace(-_WIDTHS, _WIDTHS, _FREQUENCIES) * width_hz
     decay_rate = 2.0 * np.pi * frequency_hz * damping_ratio * np.geomspace(_SLOWEST, _FASTEST, _DECAYS)
-    band_hz, turned, power = np.ascontiguousarray(wide_hz[inside]), np.vstack([y.real, y.imag]).T, (np.abs(y) ** 2).T
-    least = np.full(len(CHANGES), np.inf)
-    for f in near_hz:
-        weight, ends, scale = _weights(band_hz, f, decay_rate, noise * _NOISES, duration_s)
-        met = (ends @ turned).reshape(len(scale), 2, 2, len(CHANGES)) ** 2
-        square = weight @ power + (met[:, 0] - met[:, 1]).sum(axis=1)
-        # The smallest of scale * square is the largest likelihood, whose logarithm is -K ln.
-        np.minimum(least, np.min(scale[:, None] * square, axis=0), out=least)
-    return np.asarray(-y.shape[1] * np.log(least), np.float64)
+    band_hz, turned = np.ascontiguousarray(wide_hz[inside]), np.ascontiguousarray(np.vstack([y.real, y.imag]).T)
+    return _profile(band_hz, turned, near_hz, decay_rate, noise * _NOISES, duration_s)
 
 
 @kernel
-def _weights(
-    band_hz: FloatArray, frequency_hz: float, decay_rate: FloatArray, ratio: FloatArray, duration_s: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What weighs a band of K coefficients y by the inverse of a mode's covariance, for n decay rates and noises.
+def _profile(
+    band_hz: FloatArray,
+    turned: FloatArray,
+    frequency_hz: FloatArray,
+    decay_rate: FloatArray,
+    noise: FloatArray,
+    duration_s: float,
+) -> FloatArray:
+    """Largest log likelihood (C,) over frequencies, decay rates and noises of each of C bands, up to a constant.
 
-    y^H covariance^-1 y = weight (n, K) |y|^2 + |ends_0 y|^2 - |ends_1 y|^2, ends (2 n, K) in turn; scale (n,): the K-th
-    root of the covariance's determinant.
+    turned (K, 2 C): real parts, then imaginary parts of the coefficients at band_hz (K,). The scale is integrated out.
     """
-    count = len(band_hz)
-    points = len(decay_rate) * len(ratio)
-    weight, ends, scale = np.empty((points, count)), np.empty((2 * points, count)), np.empty(points)
-    point = 0
-    for rate in decay_rate:
-        d, a, b = envelope(band_hz, frequency_hz, rate, duration_s, False)[0]
-        for noise in ratio:
-            aa, bb, ab, logarithm = -1.0, 1.0, 0.0, 0.0
-            for k in range(count):
-                w = 1.0 / (d[k] + noise)
-                weight[point, k] = w
-                logarithm -= np.log(w)
-                aa += a[k] * a[k] * w
-                bb += b[k] * b[k] * w
-                ab += a[k] * b[k] * w
-            determinant = ab * ab - aa * bb
-            # Woodbury's identity for the ranks - a a^T + b b^T, with squares completed.
-            left, right, shift = np.sqrt(bb / determinant), np.sqrt(1.0 / bb), ab / bb
-            for k in range(count):
-                ends[2 * point, k] = left * (a[k] - shift * b[k]) * weight[point, k]
-                ends[2 * point + 1, k] = right * b[k] * weight[point, k]
-            scale[point] = np.exp((logarithm + np.log(determinant)) / count)
-            point += 1
-    return weight, ends, scale
+    count, changes, points = len(turned), turned.shape[1] // 2, len(decay_rate) * len(noise)
+    power, least, none = (
+        turned[:, :changes] ** 2 + turned[:, changes:] ** 2,
+        np.full(changes, np.inf),
+        np.empty((count, 0)),
+    )
+    weights, ends, scale = np.empty((points, count)), np.empty((2 * points, count)), np.empty(points)
+    for f in frequency_hz:
+        for i in range(len(decay_rate)):
+            parts = envelope(band_hz, f, decay_rate[i], duration_s, False)[0]
+            here = slice(i * len(noise), (i + 1) * len(noise))
+            weights[here], logarithm, products = woodbury(parts, noise, none)
+            # The smallest of scale * square is the largest likelihood, whose logarithm is -K ln.
+            scale[here] = np.exp(logarithm / count)
+            for n in range(len(noise)):
+                point, (aa, bb, ab) = here.start + n, products[n]
+                # Squares completed: the ranks - a a^T + b b^T add one square and take another.
+                left, right, shift = np.sqrt(bb / (ab * ab - aa * bb)), np.sqrt(1.0 / bb), ab / bb
+                for k in range(count):
+                    ends[2 * point, k] = left * (parts[1, k] - shift * parts[2, k]) * weights[point, k]
+                    ends[2 * point + 1, k] = right * parts[2, k] * weights[point, k]
+        met, square = ends @ turned, weights @ power
+        for point in range(points):
+            one, two = met[2 * point], met[2 * point + 1]
+            for i in range(changes):
+                ended = one[i] ** 2 + one[changes + i] ** 2 - two[i] ** 2 - two[changes + i] ** 2
+                least[i] = min(least[i], scale[point] * (square[point, i] + ended))
+    return -count * np.log(least)
 
 
 def moves(profiles: Sequence[FloatArray]) -> bool:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from fsw.modal.clustering import Candidate
 from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.stationary_likelihood import Band, Group, band_of, first_guess, half_band_hz, most_likely, without
+from fsw.modal.stationary_likelihood import Group, band_of, first_guess, half_band_hz, most_likely, without
+from fsw.modal.stationary_model import Band
 from fsw.modal.stationary_posterior import Estimate, posterior
 
 FloatArray = NDArray[np.float64]
@@ -97,16 +98,16 @@ def _settled(
         resolution_hz = rate_hz / len(signals)
         inside = slice(max(int(np.ceil(low_hz / resolution_hz)), 0), int(high_hz / resolution_hz) + 1)
         basis = _span(spectrum[inside], len(members))
-        band = band_of(signals @ basis, rate_hz, low_hz, high_hz)
+        band = band_of(signals @ basis, rate_hz, low_hz, high_hz, spectrum @ basis)
         if len(band.frequency_hz) < _LEAST_COEFFICIENTS:
             return []
         decay_rate = 2.0 * np.pi * frequency_hz * np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING)
         group = most_likely(band, first_guess(band, frequency_hz, decay_rate, basis.T @ shapes))
-        frequency_hz, damping = group.frequency_hz, group.decay_rate / (2.0 * np.pi * group.frequency_hz)
-        shapes = basis @ group.shapes
+        frequency_hz, damping = group.modes.frequency_hz, group.modes.decay_rate / (2.0 * np.pi * frequency_hz)
+        shapes = basis @ group.modes.shapes
     members, group = _needed(members, len(fresh), band, group)
     needed = members[: len(members) - len(known)]
-    entries = [_refined(c, _estimate(band, group, j), basis @ group.shapes[:, j]) for j, c in enumerate(needed)]
+    entries = [_refined(c, _estimate(band, group, j), basis @ group.modes.shapes[:, j]) for j, c in enumerate(needed)]
     dropped = [c for c in fresh if not any(c is n for n in needed)]
     return [
         entry
@@ -151,21 +152,20 @@ def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> t
 
 def _asked(group: Group, mode: int) -> float:
     """Gain that a mode of a group is asked for: more beside another one of its shape."""
-    alike = (group.shapes[:, mode] @ group.shapes) ** 2 > VERY_SHAPE
+    alike = (group.modes.shapes[:, mode] @ group.modes.shapes) ** 2 > VERY_SHAPE
     return _PIECE_GAIN if np.count_nonzero(alike) > 1 else LEAST_GAIN
 
 
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:
-    q, m = group.shapes.shape
+    f, rates, _, shapes, _ = group.modes
+    q, m = shapes.shape
     if m <= q:
-        weights = np.linalg.pinv(group.shapes, rcond=_FLAT)[mode]
-        return posterior(band, group, mode, weights / float(weights @ group.shapes[:, mode]))
+        weights = np.linalg.pinv(shapes, rcond=_FLAT)[mode]
+        return posterior(band, group.modes, mode, weights / float(weights @ shapes[:, mode]))
     # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, and whether one is
     # a line is left to what a line explains.
-    sigma, rate = group.sigmas[mode], float(group.decay_rate[mode])
-    return Estimate(
-        float(group.frequency_hz[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, LEAST_LINE_GAIN, LEAST_FALL_GAIN
-    )
+    sigma, rate = group.sigmas[mode], float(rates[mode])
+    return Estimate(float(f[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, LEAST_LINE_GAIN, LEAST_FALL_GAIN)
 
 
 def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Refined:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.stationary_likelihood import Band, Group, scored
-from fsw.modal.stationary_model import envelope
+from fsw.modal.stationary_envelope import envelope, woodbury
+from fsw.modal.stationary_likelihood import Group
+from fsw.modal.stationary_model import Band, Modes, likelihood
 from fsw.modal.uncertainty import au_law
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Points over frequency, decay rate and noise; how far they reach in standard deviations.
 _FREQUENCIES, _DECAYS, _NOISES = 25, 31, 7
@@ -45,14 +45,13 @@ class Estimate:
     fall_gain: float
 
 
-def posterior(band: Band, group: Group, mode: int, filtered: FloatArray) -> Estimate:
-    """Posterior of one mode of the most likely group; filtered (q,): weights of the signals that let it alone pass."""
-    own = Band(band.frequency_hz, band.coefficients @ filtered[:, None], band.duration_s)
-    one = slice(mode, mode + 1)
-    noise = group.noise * float(filtered @ filtered)
-    alone = scored(own, group.frequency_hz[one], group.decay_rate[one], group.variance[one], np.ones((1, 1)), noise)
+def posterior(band: Band, modes: Modes, mode: int, filtered: FloatArray) -> Estimate:
+    """Posterior of one of the most likely modes; filtered (q,): weights of the signals that let it alone pass."""
+    own = Band(band.frequency_hz, np.ascontiguousarray(band.coefficients @ filtered[:, None]), band.duration_s)
+    f, a, v = (values[mode : mode + 1].copy() for values in modes[:3])
+    alone = Modes(f, a, v, np.ones((1, 1)), modes.noise * float(filtered @ filtered))
     f, decay, ratio = _grid(own, alone)
-    likelihood = _likelihood(own, f, decay, ratio)
+    likelihood = _on_grid(own, f, decay, ratio)
     top = float(np.max(likelihood))
     # The grid is even in ln a: a density a^-1/2 weighs as a^1/2.
     weight = np.sum(np.exp(likelihood - top), axis=2) * decay**0.5
@@ -68,11 +67,11 @@ def _moments(values: FloatArray, weight: FloatArray) -> tuple[float, float]:
     return mean, float(np.sqrt((values - mean) ** 2 @ weight))
 
 
-def _grid(band: Band, mode: Group) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _grid(band: Band, alone: Modes) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Frequencies, decay rates, even in the logarithm, and ratios of noise to the mode's variance."""
     T = band.duration_s
-    f, a = float(mode.frequency_hz[0]), float(mode.decay_rate[0])
-    sigmas = mode.sigmas[0]
+    f, a = float(alone.frequency_hz[0]), float(alone.decay_rate[0])
+    sigmas = Group(alone, *likelihood(band, alone)[::2]).sigmas[0]
     # The curvature may be less than the uncertainty law allows, where the noise has taken the peak's flanks.
     law_f, law_damping = au_law(f, a / (2.0 * np.pi * f), T * len(band.coefficients))
     f_sigma = max(float(sigmas[0]), law_f * f, 0.1 / T)
@@ -83,84 +82,66 @@ def _grid(band: Band, mode: Group) -> tuple[FloatArray, FloatArray, FloatArray]:
     return (
         f + f_sigma * np.linspace(-_REACH, _REACH, _FREQUENCIES),
         np.exp(np.linspace(slowest, np.log(a) + reach, _DECAYS)),
-        mode.noise / float(mode.variance[0]) * np.exp(noise_reach * np.linspace(-1.0, 1.0, _NOISES)),
+        alone.noise / float(alone.variance[0]) * np.exp(noise_reach * np.linspace(-1.0, 1.0, _NOISES)),
     )
 
 
+@kernel
 def _wave(band: Band, frequency_hz: float, falls: FloatArray) -> float:
     """Largest log likelihood of a sinusoid near a frequency that falls by about one of these exponents, in white noise.
 
     Up to the same constant. The coefficients of a sinusoid are along u_k = 1 / (fall + i (w_k - w) T). Of their power S
     it explains at most P; its own share t, for which S - P t makes them most likely, is known in closed form.
     """
-    y, count = band.coefficients[:, :, 0], len(band.frequency_hz)
-    S = float(np.sum(np.abs(y) ** 2))
-    reach_hz, most = 1.0 / band.duration_s, 0.0
+    y = band.coefficients[:, :, 0]
+    pieces, count = y.shape
+    S, most = np.sum(y.real**2 + y.imag**2), 0.0
+    reach_hz = 1.0 / band.duration_s
     for _ in range(_ZOOMS):
-        near_hz = frequency_hz + reach_hz * np.linspace(-1.0, 1.0, 11)
-        u = 1.0 / (falls[:, None, None] + 2j * np.pi * band.duration_s * (band.frequency_hz - near_hz[:, None]))
-        P = np.sum(np.abs(u.conj() @ y.T) ** 2, axis=2) / np.sum(np.abs(u) ** 2, axis=2)
-        i, j = np.unravel_index(np.argmax(P), P.shape)
-        most = max(most, float(P[i, j]))
-        frequency_hz, reach_hz = float(near_hz[j]), _ZOOM * reach_hz
-        falls = falls[i] * (falls / falls[len(falls) // 2]) ** _ZOOM
+        best, chosen, centre_hz = -1.0, 0, frequency_hz
+        for i in range(len(falls)):
+            for j in range(11):
+                near_hz = centre_hz + (0.2 * j - 1.0) * reach_hz
+                P, length = 0.0, 0.0
+                for piece in range(pieces):
+                    met, length = 0j, 0.0
+                    for k in range(count):
+                        off = 2.0 * np.pi * band.duration_s * (band.frequency_hz[k] - near_hz)
+                        square = falls[i] ** 2 + off**2
+                        met += complex(falls[i], off) * y[piece, k] / square
+                        length += 1.0 / square
+                    P += met.real**2 + met.imag**2
+                if P / length > best:
+                    best, chosen, frequency_hz = P / length, i, near_hz
+        most, reach_hz = max(most, best), _ZOOM * reach_hz
+        falls = falls[chosen] * (falls / falls[len(falls) // 2]) ** _ZOOM
     t = min(max((count * most - S) / (most * (count - 1)), 0.0), 1.0 - 1e-12)
-    return len(y) * float(np.log(1.0 - t) - count * np.log(S - most * t))
-
-
-def _likelihood(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Log likelihood (F, D, N) of a band of one signal, up to a constant, at frequencies (F,), decay rates (D,) and
-    ratios (N,) of noise to the mode; its scale integrated out.
-    """
-    y = np.ascontiguousarray(band.coefficients[:, :, 0])
-    return _on_grid(np.ascontiguousarray(band.frequency_hz), y, band.duration_s, frequency_hz, decay_rate, ratio)
+    return pieces * (np.log(1.0 - t) - count * np.log(S - most * t))
 
 
 @kernel
-def _on_grid(
-    band_hz: FloatArray,
-    y: ComplexArray,
-    duration_s: float,
-    frequency_hz: FloatArray,
-    decay_rate: FloatArray,
-    ratio: FloatArray,
-) -> FloatArray:
-    """The same of coefficients y (n, K) at band_hz (K,), by Woodbury's identity for the two ranks - a a^T + b b^T."""
-    pieces, count = y.shape
-    power = np.zeros(count)
-    for piece in range(pieces):
-        for k in range(count):
-            power[k] += y[piece, k].real ** 2 + y[piece, k].imag ** 2
+def _on_grid(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
+    """Log likelihood (F, D, N) of a band of one signal, up to a constant, at frequencies (F,), decay rates (D,) and
+    ratios (N,) of noise to the mode; its scale integrated out.
+    """
+    pieces, count, _ = band.coefficients.shape
     values = np.empty((len(frequency_hz), len(decay_rate), len(ratio)))
-    weight = np.empty(count)
+    # Under the weights: the power, and the ends' products with each real and imaginary part of the coefficients.
+    y, others = np.empty((count, 2 * pieces)), np.zeros((count, 1 + 4 * pieces))
+    for p in range(pieces):
+        y[:, 2 * p], y[:, 2 * p + 1] = band.coefficients[p, :, 0].real, band.coefficients[p, :, 0].imag
+    others[:, 0] = np.sum(y**2, axis=1)
     for i in range(len(frequency_hz)):
         for j in range(len(decay_rate)):
-            d, a, b = envelope(band_hz, frequency_hz[i], decay_rate[j], duration_s, False)[0]
+            parts = envelope(band.frequency_hz, frequency_hz[i], decay_rate[j], band.duration_s, False)[0]
+            for k in range(count):
+                for p in range(2 * pieces):
+                    others[k, 1 + 2 * p], others[k, 2 + 2 * p] = parts[1, k] * y[k, p], parts[2, k] * y[k, p]
+            _, logarithm, products = woodbury(parts, ratio, others)
             for n in range(len(ratio)):
-                aa, bb, ab, square = -1.0, 1.0, 0.0, 0.0
-                logarithm, product = 0.0, 1.0
-                for k in range(count):
-                    w = 1.0 / (d[k] + ratio[n])
-                    weight[k] = w
-                    square += power[k] * w
-                    aa += a[k] * a[k] * w
-                    bb += b[k] * b[k] * w
-                    ab += a[k] * b[k] * w
-                    product *= w
-                    if product < 1e-150 or product > 1e150:  # a logarithm costs more than all the rest
-                        logarithm += np.log(product)
-                        product = 1.0
-                logarithm += np.log(product)
-                determinant = aa * bb - ab * ab
-                for piece in range(pieces):
-                    ar, ai, br, bi = 0.0, 0.0, 0.0, 0.0
-                    for k in range(count):
-                        real, imaginary = weight[k] * y[piece, k].real, weight[k] * y[piece, k].imag
-                        ar += a[k] * real
-                        ai += a[k] * imaginary
-                        br += b[k] * real
-                        bi += b[k] * imaginary
-                    cross = (ar**2 + ai**2) * bb + (br**2 + bi**2) * aa - 2.0 * (ar * br + ai * bi) * ab
-                    square -= cross / determinant
-                values[i, j, n] = -pieces * (np.log(-determinant) - logarithm) - pieces * count * np.log(square)
+                aa, bb, ab, square = products[n, :4]
+                for p in range(2 * pieces):
+                    a, b = products[n, 4 + 2 * p], products[n, 5 + 2 * p]
+                    square -= (a**2 * bb + b**2 * aa - 2.0 * a * b * ab) / (aa * bb - ab**2)
+                values[i, j, n] = -pieces * (logarithm[n] + count * np.log(square))
     return values

@@ -78,7 +78,7 @@ class Beside:
     """Frequencies beside a mode, 1 / T apart, at which the residual of a fit tells the noise.
 
     waves (2, n, T): cosines and sines there; left_of_all, left_of_own (n,): of their energy, what lies outside of the
-    fit's span, and outside of the tangent of the mode's own pole as well; along (p,): direction in which the mode moves.
+    fit's span, and outside of the tangent of the mode's own pole as well; along (p,): direction of the mode's motion.
     """
 
     waves: FloatArray
