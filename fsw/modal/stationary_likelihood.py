@@ -107,12 +107,8 @@ def _search(band: Band, start: Modes) -> tuple[Modes, float, FloatArray]:
     caution = 1e-3
     for _ in range(_ROUNDS):
         before = now
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
         for _ in range(_TRIALS):
-            normal = information / np.outer(scale, scale)
-            for i in range(len(scale)):
-                normal[i, i] += caution
-            trial = _stepped(modes, np.sum(inverse(normal)[0] * (score / scale), axis=1) / scale, band.duration_s)
+            trial = _stepped(modes, _step(information, score, caution), band.duration_s)
             its_now, its_score, its_information = likelihood(band, trial)
             if its_now > now:
                 modes, now, score, information = trial, its_now, its_score, its_information
@@ -125,10 +121,28 @@ def _search(band: Band, start: Modes) -> tuple[Modes, float, FloatArray]:
 
 
 @kernel
+def _step(information: FloatArray, score: FloatArray, caution: float) -> FloatArray:
+    """Step of scoring in the unknowns (n,), shorter with more caution, from the slopes (n,) and information (n, n)."""
+    n = len(score)
+    scale, normal, step = np.empty(n), np.empty((n, n)), np.zeros(n)
+    for i in range(n):
+        scale[i] = np.sqrt(max(information[i, i], 1e-12))
+    for i in range(n):
+        for j in range(n):
+            normal[i, j] = information[i, j] / (scale[i] * scale[j]) + (caution if i == j else 0.0)
+    curvature = inverse(normal)[0]
+    for i in range(n):
+        for j in range(n):
+            step[i] += curvature[i, j] * score[j] / (scale[i] * scale[j])
+    return step
+
+
+@kernel
 def _stepped(modes: Modes, step: FloatArray, duration_s: float) -> Modes:
     """The modes after a step in the unknowns, none of it longer than is safe."""
     f, a, v, unit = modes.frequency_hz.copy(), modes.decay_rate.copy(), modes.variance.copy(), modes.shapes.copy()
-    own = len(unit) + 2
+    q = len(unit)
+    own = q + 2
     for j in range(len(f)):
         first = j * own
         widest = _HALF_WIDTHS * max(a[j], 0.2 / duration_s) / (2.0 * np.pi)
@@ -137,8 +151,12 @@ def _stepped(modes: Modes, step: FloatArray, duration_s: float) -> Modes:
         a[j] = min(max(grown, _LEAST_DECAY / duration_s), _MOST_DECAY / duration_s)
         v[j] *= np.exp(min(max(step[first + 2], -_LOGARITHM), _LOGARITHM))
         turns = tangents(modes.shapes[:, j].copy())
-        for t in range(own - 3):
-            unit[:, j] += min(max(step[first + 3 + t], -_TURN), _TURN) * turns[t]
-        unit[:, j] /= np.sqrt(np.sum(unit[:, j] ** 2))
+        square = 0.0
+        for i in range(q):
+            for t in range(q - 1):
+                unit[i, j] += min(max(step[first + 3 + t], -_TURN), _TURN) * turns[t, i]
+            square += unit[i, j] ** 2
+        for i in range(q):
+            unit[i, j] /= np.sqrt(square)
     noise = modes.noise * np.exp(min(max(step[-1], -_LOGARITHM), _LOGARITHM))
     return Modes(f, a, v, unit, noise)

@@ -58,13 +58,19 @@ def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]
             determinant += np.log(E[0, 0, k])
             E[0, 0, k] = 1.0 / E[0, 0, k]
         else:
-            E[:, :, k], logarithm = inverse(E[:, :, k].copy())
+            its_inverse, logarithm = inverse(E[:, :, k].copy())
             determinant += logarithm
+            for a in range(q):
+                for b in range(q):
+                    E[a, b, k] = its_inverse[a, b]
     # F = E v of all columns, their products N, and the inverse Q of what the ends add.
     F = _through(E, V)
     flat = F.reshape(R, q * count)
     N = V.reshape(R, q * count) @ flat.T
-    Q, logarithm = inverse(N[:ranks, :ranks] + np.diag(1.0 / sign))
+    added = N[:ranks, :ranks].copy()
+    for i in range(ranks):
+        added[i, i] += 1.0 / sign[i]
+    Q, logarithm = inverse(added)
     determinant += logarithm
     # H = covariance^-1 v of all columns, their products N, and the part L of the inverse that is due to the ends.
     Z = Q @ N[:ranks]
@@ -79,7 +85,7 @@ def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]
         for a in range(q):
             y[2 * p, a], y[2 * p + 1, a] = band.coefficients[p, :, a].real, band.coefficients[p, :, a].imag
     along, weighed = y.reshape(2 * pieces, q * count) @ H.reshape(R, q * count).T, _through(E, y)
-    told = pieces * (L - E)
+    told = (pieces * (L.reshape(wide) - E.reshape(wide))).reshape(q, q, count)
     for p in range(2 * pieces):
         for i in range(ranks):
             weighed[p] -= sign[i] * along[p, i] * F[i]
@@ -94,12 +100,13 @@ def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]
     diagonal = D.reshape(unknowns, wide)
     score = diagonal @ told.reshape(wide)
     with_columns = diagonal @ columns.reshape(2 * unknowns, wide).T
-    with_ends = (diagonal @ ends.reshape(ranks * ranks, wide).T).reshape(unknowns, ranks, ranks)
+    at_ends = (diagonal @ ends.reshape(ranks * ranks, wide).T).reshape(unknowns * ranks, ranks)
+    with_ends = (at_ends @ Q).reshape(unknowns, ranks, ranks)
     rows = D.reshape(unknowns * q, q, count)
-    one = np.ascontiguousarray(_through(E, rows).reshape(unknowns, q, q, count).transpose(0, 2, 1, 3))
-    information = one.reshape(unknowns, wide) @ _through(E - 2.0 * L, rows).reshape(unknowns, wide).T
+    other = (E.reshape(wide) - 2.0 * L.reshape(wide)).reshape(q, q, count)
+    once = _turned(_through(E, rows).reshape(unknowns, q, q, count)).reshape(unknowns, wide)
+    information = once @ _through(other, rows).reshape(unknowns, wide).T
     for i in range(unknowns):
-        with_ends[i] = Q @ with_ends[i]
         for j in range(i + 1):
             trace = np.sum(with_ends[i] * with_ends[j].T)
             information[i, j] += trace
@@ -114,7 +121,8 @@ def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]
         for j in range(2 * unknowns):
             o, p = pair[j]
             information[i // 2, j // 2] += 2.0 * c[i] * c[j] * (N[r, o] * N[s, p] + N[r, p] * N[s, o])
-    return -pieces * determinant - np.sum(y * weighed), score, pieces * information
+    square = np.sum(y.reshape(2 * pieces, q * count) * weighed.reshape(2 * pieces, q * count))
+    return -pieces * determinant - square, score, pieces * information
 
 
 @kernel
@@ -169,6 +177,18 @@ def _through(M: FloatArray, columns: FloatArray) -> FloatArray:
                 for k in range(count):
                     product[r, a, k] += M[a, b, k] * columns[r, b, k]
     return product
+
+
+@kernel
+def _turned(M: FloatArray) -> FloatArray:
+    """Matrices (n, q, q, K) with rows for columns. Loops: numba takes seconds to compile a transposed copy."""
+    result = np.empty_like(M)
+    for i in range(M.shape[0]):
+        for a in range(M.shape[1]):
+            for b in range(M.shape[1]):
+                for k in range(M.shape[3]):
+                    result[i, a, b, k] = M[i, b, a, k]
+    return result
 
 
 @kernel
