@@ -11,6 +11,7 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.stationary_likelihood import Group, band_of, first_guess, half_band_hz, most_likely, without
 from fsw.modal.stationary_model import Band
 from fsw.modal.stationary_posterior import Estimate, posterior
+from fsw.modal.uncertainty import au_law
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -157,15 +158,18 @@ def _asked(group: Group, mode: int) -> float:
 
 
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:
-    f, rates, _, shapes, _ = group.modes
+    frequency_hz, rates, _, shapes, _ = group.modes
     q, m = shapes.shape
     if m <= q:
         weights = np.linalg.pinv(shapes, rcond=_FLAT)[mode]
         return posterior(band, group.modes, mode, weights / float(weights @ shapes[:, mode]))
-    # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, and whether one is
-    # a line is left to what a line explains.
-    sigma, rate = group.sigmas[mode], float(rates[mode])
-    return Estimate(float(f[mode]), float(sigma[0]), rate, float(sigma[1]) * rate, LEAST_LINE_GAIN, LEAST_FALL_GAIN)
+    # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, down to what the
+    # uncertainty law allows; and whether one is a line is left to what a line explains.
+    f, rate, sigma = float(frequency_hz[mode]), float(rates[mode]), group.sigmas[mode]
+    law = au_law(f, rate / (2.0 * np.pi * f), band.duration_s * len(band.coefficients))
+    return Estimate(
+        f, max(float(sigma[0]), law[0] * f), rate, max(float(sigma[1]), law[1]) * rate, LEAST_LINE_GAIN, LEAST_FALL_GAIN
+    )
 
 
 def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Refined:

@@ -108,7 +108,7 @@ def _search(band: Band, start: Modes) -> tuple[Modes, float, FloatArray]:
     for _ in range(_ROUNDS):
         before = now
         for _ in range(_TRIALS):
-            trial = _stepped(modes, _step(information, score, caution), band.duration_s)
+            trial = _stepped(modes, _step(information, score, caution), band)
             its_now, its_score, its_information = likelihood(band, trial)
             if its_now > now:
                 modes, now, score, information = trial, its_now, its_score, its_information
@@ -138,8 +138,9 @@ def _step(information: FloatArray, score: FloatArray, caution: float) -> FloatAr
 
 
 @kernel
-def _stepped(modes: Modes, step: FloatArray, duration_s: float) -> Modes:
-    """The modes after a step in the unknowns, none of it longer than is safe."""
+def _stepped(modes: Modes, step: FloatArray, band: Band) -> Modes:
+    """The modes after a step in the unknowns, none of it longer than is safe, and no mode beyond the band."""
+    duration_s = band.duration_s
     f, a, v, unit = modes.frequency_hz.copy(), modes.decay_rate.copy(), modes.variance.copy(), modes.shapes.copy()
     q = len(unit)
     own = q + 2
@@ -147,6 +148,7 @@ def _stepped(modes: Modes, step: FloatArray, duration_s: float) -> Modes:
         first = j * own
         widest = _HALF_WIDTHS * max(a[j], 0.2 / duration_s) / (2.0 * np.pi)
         f[j] += min(max(step[first], -widest), widest)
+        f[j] = min(max(f[j], band.frequency_hz[0]), band.frequency_hz[-1])
         grown = a[j] * np.exp(min(max(step[first + 1], -_LOGARITHM), _LOGARITHM))
         a[j] = min(max(grown, _LEAST_DECAY / duration_s), _MOST_DECAY / duration_s)
         v[j] *= np.exp(min(max(step[first + 2], -_LOGARITHM), _LOGARITHM))
