@@ -162,7 +162,11 @@ def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     q, m = shapes.shape
     if m <= q:
         weights = np.linalg.pinv(shapes, rcond=_FLAT)[mode]
-        return posterior(band, group.modes, mode, weights / float(weights @ shapes[:, mode]))
+        alone = posterior(band, group.modes, mode, weights / float(weights @ shapes[:, mode]))
+        # Alone and in its group a mode has one frequency, to hundredths of sigma. Where the filter lets another mode
+        # through, or the band holds a second peak, it has not, and the difference is part of what is not known.
+        off_hz = alone.frequency_hz - float(frequency_hz[mode])
+        return replace(alone, frequency_sigma_hz=float(np.hypot(alone.frequency_sigma_hz, off_hz)))
     # Modes of one shape cannot be filtered apart: the curvature of their common likelihood must do, down to what the
     # uncertainty law allows; and whether one is a line is left to what a line explains.
     f, rate, sigma = float(frequency_hz[mode]), float(rates[mode]), group.sigmas[mode]
