@@ -163,9 +163,11 @@ def match_segments(
     strips = columns // apart
     first += (columns - strips * apart) // 2
     pieces = min(SEGMENTS, max(2, strips // SEGMENT_STRIPS))
-    # A strip along which the edge drifts looks more blurred, and an edge more blurred looks shifted.
+    # A strip along which the edge drifts looks more blurred, and so does an edge more askew to the pixels than the
+    # templates; an edge more blurred looks shifted.
     lens_px = math.sqrt(lens.blur_px**2 - PIXEL_VARIANCE)
-    wider = gain * gain * drift_variance(curve[2], each) / (2.0 * lens_px)
+    whole2, mean2 = lens.blur_px**2, scratch.templates.gain[row] ** 2
+    wider = (mean2 * (whole2 / (gain * gain) + drift_variance(curve[2], each)) - whole2) / (2.0 * lens_px)
     seeming = scratch.templates.blurred[row] * wider
     sums = scratch.templates.sums
     match_strips(image, curve, way, first, strips, pieces, weight, own, scale, noise, pixel, sums)

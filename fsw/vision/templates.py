@@ -42,6 +42,7 @@ class Templates(NamedTuple):
     scale: FloatArray  # (2, PHASES, 4) lengths of step, shift and blurring, and the shift's share along the step
     bent: FloatArray  # (2, 2) a linear shift f means f + bent[0] f2 + bent[1] f3
     blurred: FloatArray  # (2,) and what an edge blurred by 1 px more seems shifted by
+    gain: FloatArray  # (2,) distance from the edge per pixel across
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
     pixel: NDArray[np.float32]  # (LANES,) of the strip being matched
@@ -55,6 +56,7 @@ def make_templates() -> Templates:
         np.zeros((4, PHASES, LANES), np.float32),
         np.zeros((2, PHASES, 4)),
         np.zeros((2, 2)),
+        np.zeros(2),
         np.zeros(2),
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
@@ -94,6 +96,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
     """
     ratio = noise_ratio(out.noise[row])
     out.noise[row] = 0.0
+    out.gain[row] = gain
     out.taps[row] = taps = choose_taps(blur_px, gain, room_px)
     if taps == 0:
         return
