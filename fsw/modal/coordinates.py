@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
@@ -20,7 +19,8 @@ _ROUNDS = 2
 # A channel counts if this share of its samples is there, and a tick if this share of the channels is.
 _LEAST_SHARE = 0.5
 # Half-band filter of the octaves: flat to 0.2 of the rate, silent above 0.3.
-_HALF_BAND = scipy.signal.firwin(33, 0.5, window=("kaiser", 6.0))
+_HALF_BAND = np.sinc(0.5 * np.arange(-16, 17)) * np.kaiser(33, 6.0)
+_HALF_BAND /= _HALF_BAND.sum()
 # A level of fewer samples is not halved again.
 _LEAST_SAMPLES = 400
 

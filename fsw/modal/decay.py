@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
@@ -161,7 +161,7 @@ def _loudest(residual: FloatArray) -> float:
 @lru_cache
 def _least_statistic(coordinates: int) -> float:
     """What a mode's amplitudes in so many coordinates of white noise exceed by chance alone in one case of many."""
-    return float(chi2.isf(_FALSE_ALARM, 2 * coordinates))
+    return float(chdtri(2 * coordinates, _FALSE_ALARM))
 
 
 def complex_shape(fit: Fit, mode: int) -> ComplexArray:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from fsw.modal.clustering import LEAST_ORDERS, Pole, cluster, stabilisation
@@ -19,6 +18,7 @@ from fsw.modal.realisation import realise
 from fsw.modal.refinement import ARRIVED
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import pole_to_modal
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -117,10 +117,19 @@ def _columns(poles: ComplexArray, u: FloatArray, rate_hz: float, drift_degree: i
     columns = []
     for s in poles:
         waves = [np.exp(s * step / rate_hz)]
-        waves += [scipy.signal.lfilter([0.0, 1.0], [1.0, -np.exp(s / rate_hz)], u[:, i]) for i in range(u.shape[1])]
+        waves += [_driven(np.exp(s / rate_hz), u[:, i].copy()) for i in range(u.shape[1])]
         columns += [part for wave in waves for part in (wave.real, wave.imag)]
     drift = np.polynomial.legendre.legvander(2.0 * step / max(len(u) - 1, 1) - 1.0, drift_degree)
     return np.hstack([np.stack(columns, axis=1), drift])
+
+
+@kernel
+def _driven(step: complex, u: FloatArray) -> ComplexArray:
+    """Response (T,) to an input u (T,), at rest before: x[k + 1] = step x[k] + u[k]."""
+    x = np.zeros(len(u), np.complex128)
+    for k in range(len(u) - 1):
+        x[k + 1] = step * x[k] + u[k]
+    return x
 
 
 def _refine(y: FloatArray, u: FloatArray, rate_hz: float, poles: ComplexArray, drift_degree: int) -> _Driven:
