@@ -12,8 +12,9 @@ from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.pipeline import identify
 from fsw.modal.stationary_drift import CHANGES, drift_profile, moves
 from fsw.modal.stationary_modes import modal_filter
+from fsw.modal.stationary_start import begin_with_a_blow, start_gain
 from fsw.modal.uncertainty import au_law
-from sim.bench.modal_records import AMBIENT, DAMPING, moving, stationary
+from sim.bench.modal_records import AMBIENT, DAMPING, free_decay, moving, pole, stationary
 
 RECORDS = Path(__file__).parents[2] / "shared" / "data" / "records"
 real_records = pytest.mark.skipif(not RECORDS.is_dir(), reason=f"the recorded channels {RECORDS} are not here")
@@ -90,6 +91,36 @@ def test_frequencies_that_move_within_a_stationary_response_are_flagged_and_have
     assert found.kind == "ambient" and "time_varying" in found.flags
     assert found.valid_modes == []
     assert all(np.isnan(mode.damping_ratio) for mode in found.modes if "time_varying" in mode.flags)
+
+
+@pytest.mark.parametrize("strength", [0.5, 1.0])
+def test_a_free_decay_under_a_random_force_is_no_stationary_response(strength):
+    modes, _, rate_hz, points, noise_mm = AMBIENT["A2"]
+    for seed in (1, 3):
+        time_s, driven = stationary(modes, 125.0, rate_hz, points, 0.0, seed)
+        found = identify(time_s, free_decay(modes, time_s, points, noise_mm, seed).noisy + strength * driven, "ambient")
+        assert found.modes and not found.valid_modes
+        assert any(mode.flags == ["not_exponential"] for mode in found.modes)
+
+
+def gain_of_start(blow: float, seed: int) -> float:
+    """Of a mode of 3 Hz and 0.5 % that is driven to unit deviation for 120 s, and struck at the start."""
+    step = np.exp(pole(3.0) / 20.0)
+    pushes = np.random.default_rng(seed).standard_normal((2, 3400)).T @ (1.0, 1j) * np.sqrt(1.0 - abs(step) ** 2)
+    pushes[1000] += blow
+    response = scipy.signal.lfilter([1.0], [1.0, -step], pushes)[1000:].real
+    signal = response + 0.05 * np.random.default_rng([seed, 1]).standard_normal(2400)
+    return start_gain(signal, 20.0, 3.0, DAMPING, 2.0 * 0.05**2 / 2400)
+
+
+def test_a_response_that_begins_with_a_blow_is_told_from_one_that_begins_by_chance():
+    without = [gain_of_start(0.0, seed) for seed in range(60)]
+    # Chance gains about as much as a chi-square of two degrees of freedom: mean 2, a tenth above 2 ln 10.
+    assert 1.0 < np.mean(without) < 3.5 and 0.03 < np.mean(np.array(without) > 2.0 * np.log(10.0)) < 0.25
+    assert not any(begin_with_a_blow([gain]) for gain in without)
+    assert all(begin_with_a_blow([gain_of_start(8.0, seed)]) for seed in range(4))
+    weak = [gain_of_start(5.0, seed) for seed in range(4)]
+    assert begin_with_a_blow(weak), "together they tell what each of them may leave open"
 
 
 @pytest.mark.parametrize("case", ["A1", "A2"])

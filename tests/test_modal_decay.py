@@ -9,7 +9,19 @@ from fsw.modal.refinement import project, refine
 from fsw.modal.result import Options, to_contract
 from fsw.modal.uncertainty import modal_sigmas
 from sim.bench.modal_bounds import cramer_rao
-from sim.bench.modal_records import DAMPING, DECAYS, ON_BOARD, flight, free_decay, grid, pole, published, shapes
+from sim.bench.modal_records import (
+    AMBIENT,
+    DAMPING,
+    DECAYS,
+    ON_BOARD,
+    flight,
+    free_decay,
+    grid,
+    pole,
+    published,
+    shapes,
+    stationary,
+)
 from wingbeat.errors import InputError
 
 D2 = DECAYS["D2"][0]
@@ -180,6 +192,23 @@ def test_drift_is_no_mode():
     time_s, noisy = record_of("D2", 2)
     drift = (0.5 * time_s - 0.02 * time_s**2)[:, None] * np.linspace(0.2, 1.0, 20)
     assert [round(m.frequency_hz, 2) for m in identify(time_s, noisy + drift).modes] == [0.72, 3.0, 4.2]
+
+
+@pytest.mark.requirement("WB-MOD-02")
+def test_a_random_force_under_a_free_decay_widens_the_intervals():
+    modes, _, rate_hz, points, noise_mm = AMBIENT["A2"]
+    deviations, wider = [], []
+    for seed in range(5):
+        time_s, driven = stationary(modes, 80.0, rate_hz, points, 0.0, seed)
+        record = free_decay(modes, time_s, points, noise_mm, seed)
+        found, alone = (identify(time_s, y, "decay").valid_modes for y in (record.noisy + 0.03 * driven, record.noisy))
+        assert [round(mode.frequency_hz, 2) for mode in found] == list(modes.values())
+        for mode, quiet, f in zip(found, alone, modes.values(), strict=True):
+            deviations.append((mode.frequency_hz - f) / mode.frequency_sigma_hz)
+            deviations.append((mode.damping_ratio - DAMPING) / mode.damping_ratio_sigma)
+            wider.append(mode.damping_ratio_sigma / quiet.damping_ratio_sigma)
+    assert np.mean(np.abs(deviations) < 1.96) > 0.85 and np.max(np.abs(deviations)) < 4.0
+    assert np.max(wider) > 5.0, "without it some would be off by far more than their intervals"
 
 
 def test_drift_in_a_short_record_costs_neither_accuracy_nor_honesty():

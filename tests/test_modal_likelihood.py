@@ -174,10 +174,14 @@ def test_one_mode_that_falls_by_chance_is_no_free_decay(case, seed):
     assert identify(*stationary(*AMBIENT[case], seed)).kind == "ambient"
 
 
-@pytest.mark.parametrize("damping", [0.002, 0.005, 0.02])
-def test_a_free_decay_that_is_called_ambient_gives_no_valid_mode(damping):
-    time_s = np.arange(2400) / 20.0
-    record = free_decay(AMBIENT["A1"][0], time_s, (5, 4), 0.2, 77, damping=damping)
+# Of the close pair of A2 each mode falls in the other's beat, so that its own peak does not tell.
+@pytest.mark.parametrize(
+    ("case", "samples", "seed", "damping"),
+    [("A1", 2400, 77, 0.002), ("A1", 2400, 77, 0.02), ("A2", 1200, 30001, 0.005), ("A2", 1200, 30005, 0.002)],
+)
+def test_a_free_decay_that_is_called_ambient_gives_no_valid_mode(case, samples, seed, damping):
+    time_s = np.arange(samples) / 20.0
+    record = free_decay(AMBIENT[case][0], time_s, (5, 4), 0.2, seed, damping=damping)
     found = identify(time_s, record.noisy, "ambient")
     assert found.modes and not found.valid_modes
     assert identify(time_s, record.noisy).kind == "decay"

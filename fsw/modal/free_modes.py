@@ -40,6 +40,9 @@ ComplexArray = NDArray[np.complex128]
 
 # What explains less than this share of the energy about its frequency is a patch on the fit, not a mode.
 _NO_MODE = 0.5
+# Deviations that the worst stretch of a decay exceeds by chance in one case of 22; how far what lasts as long as the
+# mode pulls its pole.
+_BY_CHANCE, _PULL = 2.5, 2.0
 # Flags of a motion that is no sum of steady decays.
 UNSTEADY = {"time_varying", "not_exponential"}
 
@@ -58,6 +61,9 @@ def identify_decay(
     around = [beside(time_s, fit, j) for j in range(count)]
     noise = np.array([there.power(fit.residual) for there in around])
     sigmas = modal_sigmas(fit.poles, fit.information, loss * noise)
+    departures = [departure(time_s, fit, j) for j in range(count)]
+    for j, found in enumerate(departures):
+        sigmas[j] = widened(sigmas[j], *found, fit.poles[j], time_s)
     coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
     agrees = early_part_agrees(time_s, coordinates.signals[start:], fit, options.drift_degree)
     shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
@@ -69,7 +75,7 @@ def identify_decay(
             flags.append("time_varying")
         if amplitude[j] < options.minimum_amplitude:
             flags.append("weak")
-        if not agrees[j]:
+        if not agrees[j] or departs(*departures[j]):
             flags.append("not_exponential")
         steady = "time_varying" not in flags
         modes.append(
@@ -128,6 +134,18 @@ def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_d
     return agrees
 
 
+def widened(sigmas: FloatArray, share: float, deviations: float, s: complex, time_s: FloatArray) -> FloatArray:
+    """Deviations (2,) of frequency in Hz and damping of a mode with this departure, beyond what noise makes of it.
+
+    Forces that go on driving the wing leave a mark at the mode's own frequency, where no noise is measured. What is
+    left there is as slow as the mode: it pulls the pole by 2 a of its share of the amplitude (the fit's slope by s is
+    t exp(-a t), less what the amplitude takes of it), or as much of 1 / T in a short record.
+    """
+    beyond = share * float(np.sqrt(max(1.0 - (_BY_CHANCE / max(deviations, 1e-12)) ** 2, 0.0)))
+    off = _PULL * beyond / min(float(time_s[-1]), 1.0 / max(-s.real, 1e-12))
+    return np.hypot(sigmas, [off / (2.0 * np.pi), off / abs(s)])
+
+
 def total_decay(s: complex, time_s: FloatArray) -> float:
     """Logarithm of the fall of a mode's amplitude over the record."""
     return float(-s.real * time_s[-1])
@@ -149,8 +167,6 @@ def _flags(
     flags = common_flags(f, float(sigmas[j, 0]), zeta, float(decay.coherence[j]), rate_hz, duration_s)
     flags += decay_flags(zeta, sigmas[j], f, duration_s, float(coherence[j]))
     flags += weak_flags(j, list(frequency_hz), list(sigmas[:, 0]), list(amplitude))
-    if departs(*departure(time_s, decay.fit, j)):
-        flags.append("not_exponential")
     return flags
 
 

@@ -76,6 +76,7 @@ def identify(
     modes: list[Mode] = []
     poles: list[Pole] = []
     decided: Kind = "ambient"
+    falls = False
     if u is not None:
         free, _, _ = identify_decay(coordinates, fixed_window, settings)
         modes, poles = identify_forced(coordinates, _inputs(u, coordinates), free, settings)
@@ -83,13 +84,16 @@ def identify(
     elif settings.method != "refined":
         modes, poles = identify_as_paper(coordinates, settings)
         decided = "decay" if kind == "decay" else "ambient"
-    elif kind == "decay" or (kind == "auto" and may_fall_freely(coordinates, settings)):
+    elif kind == "decay" or may_fall_freely(coordinates, settings):
         correlation = spectral if settings.correlation == "spectral" else fixed_window
         modes, poles, is_decay = identify_decay(coordinates, correlation, settings)
-        decided = "decay" if kind == "decay" or is_decay else "ambient"
+        decided = "decay" if kind == "decay" or (kind == "auto" and is_decay) else "ambient"
+        falls = is_decay and any(mode.valid for mode in modes)
     if decided == "ambient" and settings.method == "refined" and u is None:
         correlation = fixed_window if settings.correlation == "fixed_window" else spectral
         modes, poles = identify_ambient(coordinates, correlation, settings)
+        if falls:  # whatever the caller said, for a stationary response does not
+            modes = [replace(mode, valid=False, flags=sorted({*mode.flags, "not_exponential"})) for mode in modes]
     modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)
     flags, diagram = _record_flags(modes, record.duration_s), _diagram(coordinates, poles)

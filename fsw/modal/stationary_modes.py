@@ -14,6 +14,7 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.stationary_drift import drift_profile, moves
 from fsw.modal.stationary_groups import VERY_SHAPE, Refined, real_shape, refined
+from fsw.modal.stationary_start import begin_with_a_blow, start_gain
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ def identify_ambient(
     found = [c for c in found if c.frequency_hz * duration_s > 2.0 and _DAMPING[0] < c.damping_ratio < _DAMPING[1]]
     entries = refined(_without_doubles(found, duration_s), signals, rate_hz)
     found = [entry.candidate for entry in entries]
-    modes, profiles = [], []
+    modes, profiles, gains = [], [], []
     for entry in entries:
         candidate = entry.candidate
         series = signals @ modal_filter(candidate, found)
@@ -58,8 +59,16 @@ def identify_ambient(
             modes.append(_mode(entry, peak, split, basis, coordinates, duration_s, options))
             noise = 2.0 * peak.floor / (peak.variance * duration_s)
             profiles.append(drift_profile(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
+            if modes[-1].valid:
+                gains.append(start_gain(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
+    if gains and begin_with_a_blow(gains):
+        modes = [_struck(mode) if mode.valid else mode for mode in modes]
     modes = _drift_flagged(modes, profiles)
     return sorted(modes, key=lambda mode: -mode.amplitude)[: options.most_modes], diagram
+
+
+def _struck(mode: Mode) -> Mode:
+    return replace(mode, valid=False, flags=["not_exponential"])
 
 
 def _drift_flagged(modes: list[Mode], profiles: list[FloatArray]) -> list[Mode]:
