@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from fsw.modal.stationary_envelope import envelope
 from fsw.modal.stationary_likelihood import band_of, half_band_hz
-from fsw.modal.stationary_model import envelope
 
 FloatArray = NDArray[np.float64]
 
