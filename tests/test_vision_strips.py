@@ -10,70 +10,88 @@ from scipy.special import ndtr
 from test_vision_edges import table_of
 
 from fsw.vision.edges import make_scratch
-from fsw.vision.lanes import LANES
+from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader, weigh, weigh_squares
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
 from fsw.vision.sides import Lens, inset_px, share_noise, straight_side
-from fsw.vision.strips import (
-    follow,
-    four_columns,
-    four_rows,
-    one_column,
-    one_row,
-    place_at,
-    strip_columns,
-    two_columns,
-    two_rows,
-)
+from fsw.vision.strips import MOST_STRIPS, column_of, follow, place_at, strip_columns, way_along
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 BLUR_PX = 0.6
+ONE_COLUMN, TWO_COLUMNS, FOUR_COLUMNS = (make_column_reader(each) for each in (1, 2, 4))
+ONE_ROW, TWO_ROWS, FOUR_ROWS = (make_row_reader(each) for each in (1, 2, 4))
 STRAIGHT, BARREL = np.zeros(5), np.array([-0.12, 0.03, 1e-3, -2e-3, 0.0])
 
 
 @kernel
-def every_strip(
+def read_at(
     image: np.ndarray[Any, Any],
-    row: np.uintp,
-    column: np.uintp,
-    taps: np.uintp,
-    weight: np.ndarray[Any, np.dtype[np.float32]],
-    sums: np.ndarray[Any, np.dtype[np.float32]],
-    products: FloatArray,
+    kind: int,
+    row: int,
+    column: int,
+    last: int,
+    lines: np.ndarray[Any, np.dtype[np.float32]],
 ) -> None:
-    """All six kinds of strips at one place of an image."""
-    one = np.uintp(1)
-    products[0] = one_column(image, row, column, taps, weight, one, one, sums[0])
-    products[1] = two_columns(image, row, column, taps, weight, one, one, sums[1])
-    products[2] = four_columns(image, row, column, taps, weight, one, one, sums[2])
-    products[3] = one_row(image, row, column, taps, weight, one, one, sums[3])
-    products[4] = two_rows(image, row, column, taps, weight, one, one, sums[4])
-    products[5] = four_rows(image, row, column, taps, weight, one, one, sums[5])
+    """LANES strips of one of three kinds of columns, or one strip of one of three kinds of rows."""
+    y, x, z, s, p = np.uintp(row), np.uintp(column), np.uintp(last), np.uintp(2), np.uintp(3)
+    if kind == 0:
+        ONE_COLUMN(image, y, x, z, lines, s, p)
+    elif kind == 1:
+        TWO_COLUMNS(image, y, x, z, lines, s, p)
+    elif kind == 2:
+        FOUR_COLUMNS(image, y, x, z, lines, s, p)
+    elif kind == 3:
+        ONE_ROW(image, y, x, z, lines, s, p)
+    elif kind == 4:
+        TWO_ROWS(image, y, x, z, lines, s, p)
+    else:
+        FOUR_ROWS(image, y, x, z, lines, s, p)
+
+
+@kernel
+def products_at(
+    lines: np.ndarray[Any, np.dtype[np.float32]],
+    weight: np.ndarray[Any, np.dtype[np.float32]],
+    own: np.ndarray[Any, np.dtype[np.float32]],
+) -> tuple[float, float, float]:
+    """What the strip of line 1, from its third number on, gives with the templates 1 and 2, and its squares."""
+    one, two = np.uintp(1), np.uintp(2)
+    b, c = weigh(lines, one, two, weight, one, two, one)
+    return b, c, weigh_squares(lines, one, two, own, one, two)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-@pytest.mark.parametrize("taps", [8, 10, 12, 16])
-def test_strips_are_exact_sums_of_pixels_and_their_products(dtype: type, taps: int) -> None:
+@pytest.mark.parametrize("kind", range(6))
+def test_strips_are_exact_sums_of_pixels(dtype: type, kind: int) -> None:
     rng = np.random.default_rng(3)
-    image = rng.integers(0, np.iinfo(dtype).max + 1, (40, 50)).astype(dtype)
-    image[20:28, 20:30] = np.iinfo(dtype).max  # the largest sums fit
-    weight = rng.normal(size=(2, 2, 3, LANES)).astype(np.float32)
-    weight[..., taps:] = 0.0
-    # In the corner rows beyond the taps are outside the image.
-    for row, column in ((18, 19), (40 - taps, 50 - 4)):
-        sums, products = np.zeros((6, LANES), np.float32), np.zeros((6, 2))
-        every_strip(image, np.uintp(row), np.uintp(column), np.uintp(taps), weight, sums, products)
-        for kind in range(6 if column + LANES <= 50 else 3):
-            each = (1, 2, 4)[kind % 3]
-            if kind < 3:
-                true = image[row : row + taps, column : column + each].sum(axis=1, dtype=np.int64)
-            else:
-                true = image[row : row + each, column : column + taps].sum(axis=0, dtype=np.int64)
-            assert (sums[kind, :taps] == true).all()
-            assert products[kind] == pytest.approx(weight[1, 1, :2, :taps] @ true.astype(float), rel=1e-4)
+    image = rng.integers(0, np.iinfo(dtype).max + 1, (40, 90)).astype(dtype)
+    image[20:28, 20:40] = np.iinfo(dtype).max  # the largest sums fit
+    each, columns = (1, 2, 4)[kind % 3], kind < 3
+    for row, column in ((18, 19), (36, 90 - each * LANES if columns else 90 - LANES)):
+        lines = np.full((LANES + 4, ROWS + LANES), -1.0, np.float32)
+        read_at(image, kind, row, column, 39, lines)
+        if columns:  # rows behind the last are the last
+            part = image[np.minimum(np.arange(row, row + ROWS), 39), column : column + each * LANES].astype(np.int64)
+            true = part.reshape(ROWS, LANES, each).sum(axis=2).T
+        else:
+            true = image[row : row + each, column : column + LANES].sum(axis=0, dtype=np.int64)[None]
+        high, wide = true.shape
+        assert (lines[2 : 2 + high, 3 : 3 + wide] == true).all()
+        lines[2 : 2 + high, 3 : 3 + wide] = -1.0
+        assert (lines == -1.0).all()  # and nothing else is written
+
+
+def test_products_are_of_what_a_strip_differs_by_from_its_first_pixel() -> None:
+    rng = np.random.default_rng(4)
+    lines, weight = (rng.normal(size=shape).astype(np.float32) for shape in ((3, LANES + 5), (2, 3, 4, LANES)))
+    own = weight[:, :, 3].copy()
+    true = (lines[1, 2 : 2 + LANES] - lines[1, 2]).astype(float)
+    b, c, squares = products_at(lines, weight, own)
+    assert [b, c] == pytest.approx(weight[1, 2, 1:3] @ true, rel=1e-5)
+    assert squares == pytest.approx(own[1, 2] @ true**2, rel=1e-5)
 
 
 @dataclass(frozen=True)
@@ -140,6 +158,23 @@ def test_strips_have_as_many_columns_as_the_edges_drift_allows(end: tuple[float,
     (x0, y0), (x1, y1) = turned(end, 0)
     assert strip_columns((y1 - y0) / (x1 - x0), round(x1 - x0)) == each
     assert strip_columns(0.0, 30) == 1  # too few pixels for wider ones
+
+
+@pytest.mark.parametrize(
+    ("begin", "stop"), [(60.4, 240.9), (240.9, 60.4), (30.2, 2990.1), (-40.0, 200.0), (2800.0, 3100.0)]
+)
+def test_strips_cover_what_the_image_shows_of_a_side_evenly(begin: float, stop: float) -> None:
+    way = way_along(np.zeros((8, 3000), np.uint8), True, True, begin, stop, 0.01, 12)
+    columns = np.array([column_of(way, i) for i in range(way.strips)])
+    low, high = max(min(begin, stop), 0.0), min(max(begin, stop), 2999.0)
+    assert (np.diff(columns) >= way.each).all() and low <= columns[0] and columns[-1] + way.each - 1 <= high
+    assert abs((columns[0] - low) - (high - columns[-1] - way.each + 1)) <= 2.0
+    assert way.strips == MOST_STRIPS if high - low > 1100.0 else high - low - way.strips * way.each < way.each
+
+
+def test_a_side_of_which_less_than_the_half_is_seen_has_no_strips() -> None:
+    assert way_along(np.zeros((300, 8), np.uint8), False, True, -110.0, 99.0, 0.01, 12).strips == 0
+    assert way_along(np.zeros((300, 8), np.uint8), False, True, 250.0, 430.0, 0.01, 12).strips == 0
 
 
 @pytest.mark.parametrize("quarter", range(4))

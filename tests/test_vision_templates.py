@@ -8,9 +8,9 @@ from test_vision_edges import LEVEL as STRAIGHT
 from test_vision_edges import MIRRORED, TILTED, UPSIDE_DOWN, Sheet, table_of
 
 from fsw.vision.blur import STEP_ROWS
-from fsw.vision.lanes import SURE
 from fsw.vision.templates import (
     BLURRING,
+    LEAST_HALF,
     LEVEL,
     NOISE_RANGE,
     PHASES,
@@ -132,7 +132,7 @@ def test_the_window_is_as_wide_as_lines_leave_room_and_none_for_strong_blur() ->
     assert filled(0.6).taps[0] == 8
     assert filled(0.6, room_px=5.4).taps[0] == 10
     assert filled(0.6, room_px=90.0).taps[0] == 12
-    assert filled(0.2).taps[0] == SURE
+    assert filled(0.2).taps[0] == 2 * LEAST_HALF
     assert filled(3.5).taps[0] == 0  # the full fit takes over
 
 

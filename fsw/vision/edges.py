@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.blur import PIXEL_VARIANCE, look_up
 from fsw.vision.hot import is_hot
+from fsw.vision.strips import Strips, make_strips
 from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
 from wingbeat.kernels import kernel
 
@@ -52,6 +53,7 @@ class Scratch(NamedTuple):
     fresh: FloatArray  # (FRESH_ROWS, 3) RIGHT, OWN, CROSS of BLUR and WIDTH, of the last edge fitted,
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
     templates: Templates
+    strips: Strips
 
 
 def make_scratch() -> Scratch:
@@ -59,7 +61,7 @@ def make_scratch() -> Scratch:
     total, place, square, number = np.zeros((4, BINS))
     fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((2, 4))
     fresh, pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
-    return Scratch(*fit, np.zeros((SEGMENTS, 4)), fresh, pooled, make_templates())
+    return Scratch(*fit, np.zeros((SEGMENTS, 4)), fresh, pooled, make_templates(), make_strips())
 
 
 class EdgeFit(NamedTuple):

@@ -1,50 +1,20 @@
 """A side beside a wide line or a border, matched strip by strip with the templates of its direction."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
-from fsw.vision.lanes import LANES
+from fsw.vision.lanes import weigh, weigh_squares
 from fsw.vision.sides import MIN_CONTRAST, NOISE_GATE, Lens, inset_px, share_noise
-from fsw.vision.strips import (
-    MOST_STRIPS,
-    Curve,
-    Point,
-    drift_variance,
-    follow,
-    four_columns,
-    four_rows,
-    one_column,
-    one_row,
-    place_at,
-    strip_columns,
-    two_columns,
-    two_rows,
-)
-from fsw.vision.templates import ACROSS, BLURRING, INSIDE, LEVEL, LINE, PHASES, PROBE_PX, SHIFT, STEP, table_of
+from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
+from fsw.vision.templates import ACROSS, BLURRING, INSIDE, LINE, PHASES, PROBE_PX, SHIFT, STEP, table_of
 from wingbeat.kernels import kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # every so many strips are asked for what the model leaves over
-
-
-class Way(NamedTuple):
-    """How a side is read: along image columns or rows, how many columns a strip has, and from strip to strip.
-
-    outwards: whether the image's pixels are numbered outwards, too. row, table, taps: see Templates.
-    """
-
-    vertical: bool
-    outwards: bool
-    each: int
-    apart: int
-    row: int
-    table: int
-    taps: int
 
 
 # Columns of sums over a segment's strips: how many there are, the step b and c, which is b times the shift in pixels;
@@ -55,71 +25,44 @@ JUDGES, REST, BLUR_NUM, BLUR_DEN = 5, 6, 7, 8
 
 @kernel
 def match_strips(
-    image: Image,
-    curve: Curve,
+    strips: Strips,
     way: Way,
-    first: int,
-    strips: int,
+    row: int,
     pieces: int,
     weight: NDArray[np.float32],
     own: NDArray[np.float32],
     scale: FloatArray,
     noise: FloatArray,
-    pixel: NDArray[np.float32],
     sums: FloatArray,
 ) -> None:
-    """Match the strips of a side, from column `first` on, and add them up piece by piece to sums (pieces, SUMS).
+    """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
 
-    weight, own (pixel_weight), scale, noise, pixel, sums: of Templates. Adds to the noise of their pixels.
+    row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels.
     """
-    vertical, each, apart, row = way.vertical, way.each, way.apart, way.row
-    limit_along, limit_across = (image.shape[1], image.shape[0]) if vertical else image.shape
-    half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
-    taps, table = np.uintp(way.taps), np.uintp(way.table)
+    lines, starts, places, last = strips.lines, strips.start, strips.place, way.taps - 1
+    table = np.uintp(table_of(row, way.outwards))
     for piece in range(pieces):
         count, judged, sb, sbb, sbc, scc = 0, 0, 0.0, 0.0, 0.0, 0.0
         rest, blur_num, blur_den = 0.0, 0.0, 0.0
-        for i in range(strips * piece // pieces, strips * (piece + 1) // pieces):
-            along = first + i * apart
-            # Places are counted outwards, as the templates are.
-            centre = sign * place_at(curve, along + 0.5 * (each - 1))
-            base = math.floor(centre)
-            least = base - half + 1 if way.outwards else -base - half
-            if along < 0 or along + each > limit_along or least < 0 or least + way.taps > limit_across:
+        for i in range(way.strips * piece // pieces, way.strips * (piece + 1) // pieces):
+            start = starts[i]
+            if start < 0:
                 continue
-            if not vertical and along + each == limit_along and least + LANES > limit_across:
-                continue  # lanes beyond the taps would lie behind the image
-            place = (centre - base) * PHASES
+            place = places[i] * PHASES
             phase = min(int(place), PHASES - 1)
-            # Indices without a sign need no look at the array's other end.
-            a, n, p = np.uintp(along), np.uintp(least), np.uintp(phase)
-            if vertical and each == 4:
-                b, shift = four_columns(image, n, a, taps, weight, table, p, pixel)
-            elif vertical and each == 2:
-                b, shift = two_columns(image, n, a, taps, weight, table, p, pixel)
-            elif vertical:
-                b, shift = one_column(image, n, a, taps, weight, table, p, pixel)
-            elif each == 4:
-                b, shift = four_rows(image, a, n, taps, weight, table, p, pixel)
-            elif each == 2:
-                b, shift = two_rows(image, a, n, taps, weight, table, p, pixel)
-            else:
-                b, shift = one_row(image, a, n, taps, weight, table, p, pixel)
+            s, at, p = np.uintp(i), np.uintp(start), np.uintp(phase)
+            b, shift = weigh(lines, s, at, weight, table, p, np.uintp(STEP))
             c = shift - b * (place - phase - 0.5) * (1.0 / PHASES)
             sb, sbb, sbc, scc = sb + b, sbb + b * b, sbc + b * c, scc + c * c
             if count % JUDGED == 0:
-                squares, level, blurring = 0.0, 0.0, 0.0
-                for k in range(way.taps):
-                    grey = float(pixel[k] - pixel[0])
-                    squares += own[table, p, k] * grey * grey
-                    level += weight[table, p, LEVEL, k] * grey
-                    blurring += weight[table, p, BLURRING, k] * grey
+                blurring, level = weigh(lines, s, at, weight, table, p, np.uintp(BLURRING))
+                squares = weigh_squares(lines, s, at, own, table, p)
                 step = b * scale[row, p, STEP] + shift * scale[row, p, ACROSS]
                 across, size = shift * scale[row, p, SHIFT], b * scale[row, p, BLURRING]
                 rest += squares - level * level - step * step - across * across - blurring * blurring
                 blur_num += size * blurring
                 blur_den += size * size
-                low, high = float(pixel[1] - pixel[0]), float(pixel[way.taps - 1] - pixel[way.taps - 2])
+                low, high = lines[i, start + 1] - lines[i, start], lines[i, start + last] - lines[i, start + last - 1]
                 noise[row, INSIDE] += low * low if way.outwards else high * high
                 noise[row, LINE] += high * high if way.outwards else low * low
                 judged += 1
@@ -148,21 +91,16 @@ def match_segments(
     # Arrays are taken out of their tuples once: each time costs two atomic counts.
     intrinsics, distortion, pooled, segments = lens.intrinsics, lens.distortion, scratch.pooled, scratch.segments
     weight, own, scale = scratch.templates.weight, scratch.templates.pixel_weight, scratch.templates.scale
-    noise, pixel, taps = scratch.templates.noise, scratch.templates.pixel, scratch.templates.taps[row]
+    noise, taps = scratch.templates.noise, scratch.templates.taps[row]
     square, cube = scratch.templates.bent[row, 0], scratch.templates.bent[row, 1]
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = math.hypot(dx, dy)
     inset = inset_px(length, lens.blur_px, lean_px) / length
     near, far = (start[0] + inset * dx, start[1] + inset * dy), (end[0] - inset * dx, end[1] - inset * dy)
     vertical, gain, begin, stop, curve = follow(near, far, normal, intrinsics, distortion)
-    first = math.ceil(min(begin, stop))
-    columns = math.floor(max(begin, stop)) - first + 1
-    each = strip_columns(curve[2], columns)
-    apart = each * (1 + columns // (each * MOST_STRIPS))  # a huge cell's columns need not all be read
-    way = Way(vertical, gain > 0.0, each, apart, row, table_of(row, gain > 0.0), taps)
-    strips = columns // apart
-    first += (columns - strips * apart) // 2
-    pieces = min(SEGMENTS, max(2, strips // SEGMENT_STRIPS))
+    way = way_along(image, vertical, gain > 0.0, begin, stop, curve[2], taps)
+    count, each = way.strips, way.each
+    pieces = min(SEGMENTS, max(2, count // SEGMENT_STRIPS))
     # A strip along which the edge drifts looks more blurred, and so does an edge more askew to the pixels than the
     # templates; an edge more blurred looks shifted.
     lens_px = math.sqrt(lens.blur_px**2 - PIXEL_VARIANCE)
@@ -170,10 +108,11 @@ def match_segments(
     wider = (mean2 * (whole2 / (gain * gain) + drift_variance(curve[2], each)) - whole2) / (2.0 * lens_px)
     seeming = scratch.templates.blurred[row] * wider
     sums = scratch.templates.sums
-    match_strips(image, curve, way, first, strips, pieces, weight, own, scale, noise, pixel, sums)
+    read_strips(image, curve, way, scratch.strips)
+    match_strips(scratch.strips, way, row, pieces, weight, own, scale, noise, sums)
     found, contrast = 0, 0.0
     for piece in range(pieces):
-        begun, ended = strips * piece // pieces, strips * (piece + 1) // pieces
+        begun, ended = way.strips * piece // pieces, way.strips * (piece + 1) // pieces
         count, b, bb, bc = sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC]
         if count < SEGMENT_STRIPS or 2.0 * count < ended - begun or sign * b <= MIN_CONTRAST * count * each:
             continue
@@ -184,7 +123,7 @@ def match_segments(
         variance = (sums[piece, CC] - shift * bc) / ((count - 1.0) * bb)
         shift = shift * (1.0 + square * shift + cube * shift * shift) - seeming
         away = abs(gain) * shift
-        middle = first + 0.5 * (begun + ended) * apart - 0.5
+        middle = 0.5 * (column_of(way, begun) + column_of(way, ended - 1) + each - 1)
         segments[found, 0] = (1.0 - 2.0 * inset) * ((middle - begin) / (stop - begin) - 0.5)
         segments[found, 1] = min(max(away, -lens.blur_px), lens.blur_px)
         segments[found, 2] = gain * gain * max(variance, 0.0)

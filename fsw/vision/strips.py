@@ -1,11 +1,12 @@
 """Strips of a side: neighbouring columns of pixels summed, while the edge drifts less than half a pixel along them."""
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.lanes import make_strip
+from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader
 from fsw.vision.rig import distort_point
 from wingbeat.kernels import kernel
 
@@ -18,10 +19,41 @@ MOST_COLUMNS = 4  # of a strip
 DRIFT_PX = 0.5  # of the edge from end to end of a strip, at most
 MOST_STRIPS = 256  # of a side,
 LEAST_STRIPS = 24  # and at least: fewer do not tell their noise
+LINE_PX = 5 * ROWS  # read across a side at once: LANES, and what it drifts over as many strips
 
-# Products of a strip with two templates, by how many columns (or rows) of the image it has.
-four_columns, two_columns, one_column = (make_strip(True, each) for each in (4, 2, 1))
-four_rows, two_rows, one_row = (make_strip(False, each) for each in (4, 2, 1))
+# Read LANES strips, or one, by how many columns (or rows) of the image a strip has.
+_four_columns, _two_columns, _one_column = (make_column_reader(each) for each in (4, 2, 1))
+_four_rows, _two_rows, _one_row = (make_row_reader(each) for each in (4, 2, 1))
+
+
+class Strips(NamedTuple):
+    """Strips of the side being measured; taken once."""
+
+    lines: NDArray[np.float32]  # (MOST_STRIPS + LANES, LINE_PX) their pixels, along the image
+    start: NDArray[np.int32]  # (MOST_STRIPS,) where in its line a strip's window begins, < 0: not in the image
+    place: FloatArray  # (MOST_STRIPS,) of the edge behind the pixel before the window's middle, outwards, 0 .. 1
+
+
+def make_strips() -> Strips:
+    """Take the memory."""
+    lines = np.zeros((MOST_STRIPS + LANES, LINE_PX), np.float32)
+    return Strips(lines, np.zeros(MOST_STRIPS, np.int32), np.zeros(MOST_STRIPS))
+
+
+class Way(NamedTuple):
+    """How a side is read: along image columns or rows, and how wide its strips are.
+
+    outwards: whether the image's pixels are numbered outwards, too. first: column of the first of so many strips of
+    `each` columns. LANES strips lie side by side, and begin `span` columns from the LANES before. taps: pixels across.
+    """
+
+    vertical: bool
+    outwards: bool
+    first: int
+    strips: int
+    each: int
+    span: int
+    taps: int
 
 
 @kernel
@@ -68,3 +100,94 @@ def strip_columns(slope: float, columns: int) -> int:
 def drift_variance(slope: float, each: int) -> float:
     """Variance of an edge's place over the columns of a strip, by which the strip looks more blurred."""
     return slope * slope * (each * each - 1) / 12.0
+
+
+@kernel
+def way_along(image: Image, vertical: bool, outwards: bool, begin: float, stop: float, slope: float, taps: int) -> Way:
+    """Cut what the image shows of a side from `begin` to `stop` along it into strips; none if that is not the half."""
+    limit = image.shape[1] if vertical else image.shape[0]
+    first, last = math.ceil(min(begin, stop)), math.floor(max(begin, stop))
+    whole = last - first + 1
+    first, last = max(first, 0), min(last, limit - 1)
+    columns = last - first + 1
+    each = strip_columns(slope, columns)
+    if 2 * columns < whole:
+        return Way(vertical, outwards, first, 0, each, LANES * each, taps)
+    span = LANES * each * (1 + columns // (each * MOST_STRIPS))  # a huge cell's columns need not all be read
+    blocks = columns // span
+    count = LANES * blocks + min((columns - blocks * span) // each, LANES)
+    way = Way(vertical, outwards, first, count, each, span, taps)
+    first += (last + 1 - column_of(way, count - 1) - each) // 2
+    return Way(vertical, outwards, first, count, each, span, taps)
+
+
+@kernel
+def column_of(way: Way, strip: int) -> int:
+    """First column of a strip."""
+    return way.first + strip // LANES * way.span + strip % LANES * way.each
+
+
+@kernel
+def read_strips(image: Image, curve: Curve, way: Way, out: Strips) -> None:
+    """Read the strips of a side that the image shows."""
+    half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
+    limit = (image.shape[0] if way.vertical else image.shape[1]) - way.taps
+    for i in range(way.strips):
+        # Places are counted outwards, as the templates are.
+        centre = sign * place_at(curve, column_of(way, i) + 0.5 * (way.each - 1))
+        base = math.floor(centre)
+        out.place[i] = centre - base
+        out.start[i] = base - half + 1 if way.outwards else -base - half
+    for i in range(0, way.strips, LANES):
+        if way.vertical:
+            _read_columns(image, way, i, limit, out)
+        else:
+            _read_rows(image, way, i, limit, out)
+
+
+@kernel
+def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
+    """Read LANES strips that lie side by side along image rows."""
+    end = min(strip + LANES, way.strips)
+    column = column_of(way, strip)
+    # Of the image's last row nothing may be read beyond its end.
+    beyond, last = column + LANES * way.each - image.shape[1], image.shape[0] - 1
+    if beyond > 0:
+        shorter = 1 + (beyond - 1) // (image.strides[0] // image.itemsize)
+        last, limit = last - shorter, limit - shorter
+    row, stop = last + 1, 0
+    for i in range(strip, end):
+        if 0 <= out.start[i] <= limit:
+            row, stop = min(row, out.start[i]), max(stop, out.start[i] + way.taps)
+    for i in range(strip, end):
+        inside = 0 <= out.start[i] <= min(limit, row + LINE_PX - LANES)
+        out.start[i] = out.start[i] - row if inside else -1
+    x, z, s = np.uintp(column), np.uintp(last), np.uintp(strip)
+    for place in range(0, min(stop - row, LINE_PX), ROWS):
+        y, p = np.uintp(row + place), np.uintp(place)
+        if way.each == 4:
+            _four_columns(image, y, x, z, out.lines, s, p)
+        elif way.each == 2:
+            _two_columns(image, y, x, z, out.lines, s, p)
+        else:
+            _one_column(image, y, x, z, out.lines, s, p)
+
+
+@kernel
+def _read_rows(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
+    """Read LANES strips that lie one below the other."""
+    none = np.uintp(0)
+    for i in range(strip, min(strip + LANES, way.strips)):
+        row, column = column_of(way, i), out.start[i]
+        # Lanes beyond the taps must not lie behind the image.
+        inside = 0 <= column <= limit and (row + way.each < image.shape[0] or column + LANES <= image.shape[1])
+        out.start[i] = 0 if inside else -1
+        if not inside:
+            continue
+        y, x, s = np.uintp(row), np.uintp(column), np.uintp(i)
+        if way.each == 4:
+            _four_rows(image, y, x, none, out.lines, s, none)
+        elif way.each == 2:
+            _two_rows(image, y, x, none, out.lines, s, none)
+        else:
+            _one_row(image, y, x, none, out.lines, s, none)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import look_up
-from fsw.vision.lanes import LANES, SURE
+from fsw.vision.lanes import LANES
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +24,8 @@ PHASES = 32  # places of an edge inside a pixel; what is left over is accounted 
 STEP, SHIFT, BLURRING, LEVEL = 0, 1, 2, 3  # the templates, each blind to the others
 ACROSS = 3  # in Templates.scale: the shift's share along the step
 PROBE_PX = 0.25  # shifts as large as this, to either side, calibrate how far the linear model falls short
-REACH_SIGMAS, REACH_PX = 2.5, 2.0  # half the least window: the blurred step, and what shows the plateaus
+REACH_SIGMAS, REACH_PX = 2.5, 2.0  # half the least window: the blurred step, and what shows the plateaus,
+LEAST_HALF = 4  # and as many pixels beyond the four unknowns as tell what these leave over
 WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
 NOISE_RANGE = 12.0  # times as much variance on one plateau as on the other, at most
 INSIDE, LINE = 0, 1  # in Templates.noise
@@ -45,7 +46,6 @@ class Templates(NamedTuple):
     gain: FloatArray  # (2,) distance from the edge per pixel across
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
-    pixel: NDArray[np.float32]  # (LANES,) of the strip being matched
     sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
 
 
@@ -60,7 +60,6 @@ def make_templates() -> Templates:
         np.zeros(2),
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
-        np.zeros(LANES, np.float32),
         np.zeros((MOST_SEGMENTS, SUMS)),
     )
 
@@ -74,7 +73,7 @@ def table_of(row: int, outwards: bool) -> int:
 @kernel
 def choose_taps(blur_px: float, gain: float, room_px: float) -> int:
     """Pixels across an edge: more, where lines leave room_px of them on either side; 0 if the blur is too wide."""
-    least = max(math.ceil(REACH_SIGMAS * blur_px / gain + REACH_PX), SURE // 2)
+    least = max(math.ceil(REACH_SIGMAS * blur_px / gain + REACH_PX), LEAST_HALF)
     half = min(max(math.floor(min(room_px, LANES)), least), least + WIDER_PX, LANES // 2)
     return 2 * half if half >= least else 0
 
