@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.agreement import AcquireOptions, EyeCells, Pair, Prior, agreeing
+from fsw.vision.agreement import MOST_COST, AcquireOptions, EyeCells, Pair, Prior, agreeing
 from fsw.vision.cells import centres_of, quadrilaterals, refine
 from fsw.vision.clustering import Image
 from fsw.vision.enhancement import metric_view, visible_region
 from fsw.vision.grid import CellGrid
-from fsw.vision.identity import Labelling, Table, fitting, labellings, tables
+from fsw.vision.identity import Assignment, Table, assignments, fitting, tables
 from fsw.vision.lattice import Lattice, link
 from fsw.vision.ridges import local_cells
 from fsw.vision.rig import StereoRig
@@ -37,7 +37,8 @@ class Acquisition:
 
     corners_px (2, N, 4, 2) in ideal px, seen (2, N). rotation (3, 3), translation_mm (3,): X_left = R X_wing + t of
     a rigid wing through the cells that both eyes see. ray_miss_mm: median distance between the eyes' rays; scale:
-    measured size over the nominal; score: cost of the best assignment, and of the second (large if there is none).
+    measured size over the nominal; score: cost of the best assignment, and at least that of the second (large if there
+    is none).
     """
 
     ok: bool
@@ -71,12 +72,13 @@ def acquire(
     eyes = [sight.found for sight in sights if not isinstance(sight, str)]
     names = [sight.names for sight in sights if not isinstance(sight, str)]
     dropped = min(sight.dropped for sight in sights if not isinstance(sight, str))
-    agreed = agreeing(eyes, names, rig, grid, prior, options)
+    agreed, others = agreeing(eyes, names, rig, grid, prior, options)
     pairs = [p for p in agreed if p.within]
     if not pairs:
         return _failed(grid, "no assignment agrees with both eyes, the wing's size and the pose's tolerance")
     best = pairs[0]
-    rival = min(pairs[1].cost if len(pairs) > 1 else 10**6, options.contradiction_weight * dropped)
+    second = pairs[1].cost if len(pairs) > 1 else MOST_COST
+    rival = min(second, others, options.contradiction_weight * dropped)
     score = (best.cost, rival)
     if best.cost + options.margin > rival:
         return _failed(grid, f"ambiguous: {len(pairs)} assignments, costs {best.cost} and {rival}", score)
@@ -93,7 +95,7 @@ class _Sight(NamedTuple):
     """What one eye says: its cells, the ways to name them, and what the best of the names left out would have cost."""
 
     found: EyeCells
-    names: list[Labelling]
+    names: list[Assignment]
     dropped: int
 
 
@@ -115,7 +117,7 @@ def _name(
     lattices = _lattices(found.corners_mm, table, grid)
     if not lattices or len(lattices[0].member) < options.min_cells:
         return f"too few cells in the {which} eye: {len(found.corners_mm)} found"
-    names, dropped = labellings(found.corners_mm, lattices, table, grid, bound)
+    names, dropped = assignments(found.corners_mm, lattices, table, grid, bound)
     if not names:
         return f"the {which} eye's cells fit nowhere on the wing within the pose's tolerance"
     return _Sight(found, names, dropped)

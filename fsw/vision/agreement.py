@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from fsw.vision.enhancement import MetricView
 from fsw.vision.grid import CellGrid
-from fsw.vision.identity import Labelling
+from fsw.vision.identity import Assignment, Labelling
 from fsw.vision.rig import StereoRig
 from fsw.vision.surface import line_contrast, predicted_inside
 
 FloatArray = NDArray[np.float64]
+
+MOST_COST = 10**6  # no assignment costs as much
 
 
 @dataclass(frozen=True)
@@ -67,31 +69,40 @@ class Pair:
 
 
 def agreeing(
-    eyes: Sequence[EyeCells], names: Sequence[Sequence[Labelling]], rig: StereoRig, grid: CellGrid, prior: Prior,
+    eyes: Sequence[EyeCells], names: Sequence[Sequence[Assignment]], rig: StereoRig, grid: CellGrid, prior: Prior,
     options: AcquireOptions,
-) -> list[Pair]:  # fmt: skip
-    """Assignments of both eyes that agree in space, best first; also those outside the prior's tolerance."""
+) -> tuple[list[Pair], int]:  # fmt: skip
+    """Assignments of both eyes that agree in space, best first; also those outside the prior's tolerance.
+
+    Those whose contradictions alone cost too much to be the best, or a rival of it, are not looked at: also returns
+    what the least of them would cost, at least.
+    """
     pitch = np.array([p.pitch_mm for p in grid.panels]).min()
     scale_error = float(np.clip(options.scale_part * pitch / rig.baseline_mm, *options.scale_limits))
-    found = []
-    for a in names[0]:
-        for b in names[1]:
-            cells, i, j = np.intersect1d(a.label, b.label, return_indices=True)
-            i, j, cells = i[cells >= 0], j[cells >= 0], cells[cells >= 0]
-            if len(cells) < options.min_cells:
-                continue
-            xyz, miss = _rays(rig, eyes[0].centre_px[i], eyes[1].centre_px[j])
-            ray_miss = float(np.median(miss))
-            if not ray_miss <= options.ray_miss * pitch:
-                continue
-            R, t, scale = _rigid(grid.centre_mm[cells], xyz)
-            if abs(scale - 1.0) > scale_error:
-                continue
-            cost = options.contradiction_weight * (a.contradicted + b.contradicted)
-            cost += _absent(eyes, (a, b), grid, options)
-            within = _within(R, t, grid.centre_mm[cells], prior, options)
-            found.append(Pair((a, b), R, t, ray_miss, scale, cost, within))
-    return sorted(found, key=lambda p: p.cost)
+    weight, enough = options.contradiction_weight, MOST_COST
+    ways = [(weight * (a.wrong + b.wrong), i, j) for i, a in enumerate(names[0]) for j, b in enumerate(names[1])]
+    found: list[Pair] = []
+    for least, left, right in sorted(ways):
+        if least >= enough:
+            return sorted(found, key=lambda p: p.cost), least
+        a, b = names[0][left].whole, names[1][right].whole
+        cells, i, j = np.intersect1d(a.label, b.label, return_indices=True)
+        i, j, cells = i[cells >= 0], j[cells >= 0], cells[cells >= 0]
+        if len(cells) < options.min_cells:
+            continue
+        xyz, miss = _rays(rig, eyes[0].centre_px[i], eyes[1].centre_px[j])
+        ray_miss = float(np.median(miss))
+        if not ray_miss <= options.ray_miss * pitch:
+            continue
+        R, t, scale = _rigid(grid.centre_mm[cells], xyz)
+        if abs(scale - 1.0) > scale_error:
+            continue
+        cost = weight * (a.contradicted + b.contradicted) + _absent(eyes, (a, b), grid, options)
+        within = _within(R, t, grid.centre_mm[cells], prior, options)
+        found.append(Pair((a, b), R, t, ray_miss, scale, cost, within))
+        if within:
+            enough = min(enough, cost + options.margin)
+    return sorted(found, key=lambda p: p.cost), MOST_COST
 
 
 def _rays(rig: StereoRig, left_px: FloatArray, right_px: FloatArray) -> tuple[FloatArray, FloatArray]:

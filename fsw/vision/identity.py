@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,31 @@ class Labelling:
     warp: Warp
 
 
+@dataclass(frozen=True)
+class Assignment:
+    """One way to name the largest lattice in one eye.
+
+    label (K,): as of a Labelling, the lattice's own cells only. wrong: how many cells contradict it at least; off: how
+    many of the lattice's lie off the wing. centre_mm (K, 2), crowd (K,): of the quadrilaterals, and whether each is
+    one of many that are linked.
+    """
+
+    label: IntArray
+    wrong: int
+    off: int
+    centre_mm: FloatArray
+    crowd: NDArray[np.bool_]
+    grid: CellGrid
+
+    @cached_property
+    def whole(self) -> Labelling:
+        """All cells named, when it is first asked for: most ways to name a wing need no closer look."""
+        label = self.label.copy()
+        warp = _take_in(label, self.centre_mm, self.grid)
+        unexplained = int((self.crowd & (label < 0)).sum()) - self.off
+        return Labelling(label, self.wrong + max(unexplained, 0), warp)
+
+
 def tables(grid: CellGrid) -> list[Table]:
     """The wing's panels as tables: neighbours that share rows, pitch and cell size in one, others apart."""
     result: list[Table] = []
@@ -65,10 +91,10 @@ def tables(grid: CellGrid) -> list[Table]:
     return result
 
 
-def labellings(
+def assignments(
     corners_mm: FloatArray, lattices: Sequence[Lattice], table: Sequence[Table], grid: CellGrid, bound_mm: FloatArray
-) -> tuple[list[Labelling], int]:
-    """Assignments of the largest lattice, and of all that then fits, to the wing.
+) -> tuple[list[Assignment], int]:
+    """Assignments of the largest lattice to the wing.
 
     corners_mm (K, 4, 2): quadrilaterals in the metric view; lattices: theirs, largest first. bound_mm (2,): how far
     the view may displace a cell. Also returns how many cells contradict the least wrong assignment that was dropped.
@@ -105,9 +131,7 @@ def labellings(
                 continue
             label = np.full(len(centre), -1, dtype=np.int64)
             label[main.member[on]] = cell
-            warp = _take_in(label, centre, grid)
-            unexplained = int((crowd & (label < 0)).sum() - off[i, j])
-            found.append(Labelling(label, int(wrong[i, j]) + max(unexplained, 0), warp))
+            found.append(Assignment(label, int(wrong[i, j]), int(off[i, j]), centre, crowd, grid))
     return found, dropped
 
 
