@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from fsw.vision.blur import STEP_PER_PX, STEP_REACH_PX, STEP_ROWS, tabulate_step
+from fsw.vision.corners import Cells, make_cells
 from fsw.vision.edges import (
     BIN_PX,
     BINS,
@@ -19,14 +20,13 @@ from fsw.vision.edges import (
     OWN,
     RIGHT,
     WIDTH,
-    EdgeFit,
     Scratch,
-    fit_profile,
     gather,
     make_scratch,
     solve,
 )
-from fsw.vision.quads import Cells, make_cells, measure_cells
+from fsw.vision.profile import EdgeFit, fit_profile
+from fsw.vision.quads import measure_cells
 from fsw.vision.sides import Lens
 from fsw.vision.standing_in import forget_size
 
@@ -273,7 +273,8 @@ class Sheet:
         bordering = np.array([[j == 0, i == 2, j == 2, i == 0] for i in range(3) for j in range(3)])
         measure_cells(
             image, lens, np.ascontiguousarray(expected), np.zeros((9, 4, 2)), np.broadcast_to(wanted, 9).copy(),
-            np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering, np.ones(2), told_size(), dark, 1, scratch, cells,
+            np.arange(9), np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering, np.ones(2), told_size(), dark, 1,
+            scratch, cells,
         )  # fmt: skip
         return cells
 

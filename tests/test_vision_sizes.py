@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fsw.vision.quads import make_cells
+from fsw.vision.corners import make_cells
 from fsw.vision.sizes import EVEN_PX, TERMS, WORK, widen_odd_sizes
 
 COUNT, VARIANCE = 60, 1e-6

@@ -13,7 +13,6 @@ FloatArray = NDArray[np.float64]
 STEP_REACH_PX = 8.0
 STEP_PER_PX = 64
 STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
-_PIXEL = 0.5  # half of the pixel over which the sensor averages
 PIXEL_VARIANCE = 1.0 / 12.0  # of that average: what the sensor adds to the lens's blur
 
 
@@ -23,17 +22,18 @@ def tabulate_step(blur_px: float, out: FloatArray) -> None:
 
     The lens blurs by a Gaussian of standard deviation blur_px, the pixel averages over its width.
     """
-    for i in range(STEP_ROWS):
-        x = i / STEP_PER_PX - STEP_REACH_PX
-        value, slope, change = 0.0, 0.0, 0.0
-        for side in (1.0, -1.0):
-            z = (x + side * _PIXEL) / blur_px
-            cdf = 0.5 * math.erfc(-z / math.sqrt(2.0))
-            pdf = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-            value += side * blur_px * (z * cdf + pdf)
-            slope += side * cdf
-            change += side * pdf
-        out[i, 0], out[i, 1], out[i, 2] = value, slope, change
+    out[:] = 0.0
+    half = STEP_PER_PX // 2
+    for j in range(-half, STEP_ROWS + half):
+        # Each place is the upper end of one pixel and the lower end of another.
+        z = (j / STEP_PER_PX - STEP_REACH_PX) / blur_px
+        cdf = 0.5 * math.erfc(-z / math.sqrt(2.0))
+        pdf = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        for i, sign in ((j - half, 1.0), (j + half, -1.0)):
+            if 0 <= i < STEP_ROWS:
+                out[i, 0] += sign * blur_px * (z * cdf + pdf)
+                out[i, 1] += sign * cdf
+                out[i, 2] += sign * pdf
 
 
 @kernel

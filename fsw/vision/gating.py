@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray
 from fsw.vision.grid import IntArray
 from fsw.vision.prediction import GATE_SIGMAS, Surface, locate
-from fsw.vision.quads import Cells
 from fsw.vision.stereo import Points
 from wingbeat.kernels import kernel
 

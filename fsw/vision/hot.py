@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from fsw.vision.rig import FloatArray, distort_point
 from wingbeat.kernels import kernel
 
-BoolArray = NDArray[np.bool_]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 HOT_RUN = 2  # rows side by side that may be hot
@@ -37,27 +36,24 @@ def is_hot(image: Image, x: int, y: int) -> bool:
 
 
 @kernel
-def find_hot_rows(image: Image, hot: BoolArray) -> None:
-    """Mark the rows (h,) that read full scale in three places from side to side."""
-    height, width = image.shape
-    full = full_scale(image)
-    for y in range(height):
-        hot[y] = image[y, width // 4] >= full and image[y, width // 2] >= full and image[y, 3 * width // 4] >= full
-
-
-@kernel
 def runs_along_hot_row(
-    hot: BoolArray, intrinsics: FloatArray, distortion: FloatArray, start: FloatArray, end: FloatArray, reach_px: float
+    image: Image, intrinsics: FloatArray, distortion: FloatArray, start: FloatArray, end: FloatArray, reach_px: float
 ) -> bool:
     """Whether a hot row lies nearer than reach_px to a side between two ideal points that runs along rows.
 
-    One that crosses a side spoils a single sample across it, in which no step is seen.
+    A row is hot that is so in three places from end to end of the side. One that crosses a side spoils a single sample
+    across it, in which no step is seen.
     """
     x0, y0, _, _, _, _ = distort_point(start[0], start[1], intrinsics, distortion)
     x1, y1, _, _, _, _ = distort_point(end[0], end[1], intrinsics, distortion)
-    first, last = int(max(min(y0, y1) - reach_px, 0.0)), int(min(max(y0, y1) + reach_px, hot.shape[0] - 1.0))
-    count = 0
-    if abs(y1 - y0) <= abs(x1 - x0):
-        for y in range(first, last + 1):
-            count += hot[y]
-    return count > 0
+    if abs(y1 - y0) > abs(x1 - x0):
+        return False
+    height, width = image.shape
+    first, last = int(max(min(y0, y1) - reach_px, 0.0)), int(min(max(y0, y1) + reach_px, height - 1.0))
+    for y in range(first, last + 1):
+        places = 0
+        for share in (0.25, 0.5, 0.75):
+            places += is_hot(image, int(min(max(x0 + share * (x1 - x0), 0.0), width - 1.0)), y)
+        if places == 3:
+            return True
+    return False

@@ -1,16 +1,15 @@
 """Corners and centre of every cell in one image, from its four sides."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.corners import Cells, add_pull, corners_and_centre
 from fsw.vision.edges import (
     BIN_PX,
     BINS,
     BLUR,
-    COMMON,
     CROSS,
     MAX_WALK_PX,
     OWN,
@@ -22,13 +21,12 @@ from fsw.vision.edges import (
     Image,
     Scratch,
 )
-from fsw.vision.hot import find_hot_rows, runs_along_hot_row
+from fsw.vision.hot import runs_along_hot_row
 from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
     OWN_SHARE,
     centre_share,
     corner_depths,
-    crossing,
     extent_across,
     least_plateau,
     line_width,
@@ -51,36 +49,6 @@ WORST_PX = 0.3  # a side less sure than this is as good as hidden
 FLOOR_PX = 0.0005  # no side is known better than this: what quantisation leaves
 
 
-class Cells(NamedTuple):
-    """What is measured of all N cells in one eye, in ideal pixels; taken once, written every tick."""
-
-    corners_px: FloatArray  # (N, 4, 2)
-    centre_px: FloatArray  # (N, 2) crossing of the diagonals: the projection of the cell's centre
-    covariance_px2: FloatArray  # (N, 3) of the centre: xx, xy, yy
-    pull: FloatArray  # (N, COMMON, 2) what 1 px more blur, and lines so many times wider, would move the centre by
-    residual_px: FloatArray  # (N,) rms of the segments about their straight sides
-    contrast: FloatArray  # (N,) line minus cell, grey values
-    found: NDArray[np.bool_]  # (N,)
-    whole: NDArray[np.bool_]  # (N,) found, and with all four sides seen
-    paired: NDArray[np.bool_]  # (N, 2) found, and with both sides along X, along Y seen
-
-
-def make_cells(count: int) -> Cells:
-    """Take the arrays for `count` cells."""
-    nan = np.nan
-    return Cells(
-        np.full((count, 4, 2), nan),
-        np.full((count, 2), nan),
-        np.full((count, 3), nan),
-        np.zeros((count, COMMON, 2)),
-        np.full(count, nan),
-        np.full(count, nan),
-        np.zeros(count, dtype=np.bool_),
-        np.zeros(count, dtype=np.bool_),
-        np.zeros((count, 2), dtype=np.bool_),
-    )
-
-
 @kernel
 def measure_cells(
     image: Image,
@@ -88,6 +56,7 @@ def measure_cells(
     expected_px: FloatArray,
     deviation_px: FloatArray,
     wanted: NDArray[np.bool_],
+    order: NDArray[np.int64],
     line_ratio: FloatArray,
     bordering: NDArray[np.bool_],
     width_scale: FloatArray,
@@ -100,7 +69,8 @@ def measure_cells(
     """Measure all wanted cells of one image.
 
     expected_px (N, 4, 2): ideal pixels, right to about the blur. deviation_px (N, 4, 2): what of them is measured, and
-    so has noise that perspective must not be read from. wanted (N,): cells to look for. line_ratio (N, 4): width of
+    so has noise that perspective must not be read from. wanted (N,): cells to look for. order (N,): in which they are
+    taken; cells side by side share what the cache holds. line_ratio (N, 4): width of
     the line across each side over the cell's extent across that side, on the wing (at a border: the panel's usual
     line). bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the widths along X and Y.
     stride: take every so many columns of a side. Results go to `out`. One hidden side (out of view, or under a glint)
@@ -117,12 +87,10 @@ def measure_cells(
         sharpened[row] = -gain * scratch.templates.blurred[row]
     nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     intrinsics, distortion = lens.intrinsics, lens.distortion
-    hot = np.zeros(image.shape[0], np.bool_)
-    find_hot_rows(image, hot)
     flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((POOLED_ROWS, 3))
     middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
     by_blur, by_width, weight, cross = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    for n in range(len(expected_px)):
+    for n in order:
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
         out.corners_px[n] = np.nan
         out.centre_px[n] = np.nan
@@ -163,7 +131,7 @@ def measure_cells(
             # Templates need half a window of plateau on either side.
             half = 0.5 * scratch.templates.taps[k % 2]
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
-            plain = plain and not runs_along_hot_row(hot, intrinsics, distortion, c[k], c[k1], half + 1.0)
+            plain = plain and not runs_along_hot_row(image, intrinsics, distortion, c[k], c[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
             by_blur[k], by_width[k] = sharpened[k % 2] if plain else 0.0, 0.0
@@ -232,70 +200,15 @@ def measure_cells(
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
-        _corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
+        corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
         out.pull[n] = 0.0
         for k in range(4):
             gx, gy = centre_share(nx, ny, k)
-            _add_pull(out.pull[n, BLUR], gx * by_blur[k], gy * by_blur[k])
-            _add_pull(out.pull[n, WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y], gx * by_width[k], gy * by_width[k])
+            add_pull(out.pull[n, BLUR], gx * by_blur[k], gy * by_blur[k])
+            add_pull(out.pull[n, WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y], gx * by_width[k], gy * by_width[k])
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
         for k in range(2):
             out.paired[n, k] = hidden == 0 or which % 2 != k
     learn_size(size, sizes)
-
-
-@kernel
-def _add_pull(pull: FloatArray, x: float, y: float) -> None:
-    pull[0] += x
-    pull[1] += y
-
-
-@kernel
-def _corners_and_centre(
-    c: FloatArray,
-    nx: FloatArray,
-    ny: FloatArray,
-    middle: FloatArray,
-    slope: FloatArray,
-    variance: FloatArray,
-    n: int,
-    out: Cells,
-) -> None:
-    """Corners as crossings of neighbouring sides, the projection of the cell's centre, and its covariance."""
-    corners = out.corners_px[n]
-    vxx, vxy, vyy = 0.0, 0.0, 0.0
-    for k in range(4):
-        # Sides j and k meet at corner k. Each is the expected side, moved along its normal by middle + slope * place.
-        j = (k + 3) % 4
-        ax, ay = (
-            c[j, 0] + (middle[j] - 0.5 * slope[j]) * nx[j],
-            c[j, 1] + (middle[j] - 0.5 * slope[j]) * ny[j],
-        )
-        bx, by = (
-            c[k, 0] + (middle[j] + 0.5 * slope[j]) * nx[j],
-            c[k, 1] + (middle[j] + 0.5 * slope[j]) * ny[j],
-        )
-        k1 = (k + 1) % 4
-        px, py = (
-            c[k, 0] + (middle[k] - 0.5 * slope[k]) * nx[k],
-            c[k, 1] + (middle[k] - 0.5 * slope[k]) * ny[k],
-        )
-        qx, qy = (
-            c[k1, 0] + (middle[k] + 0.5 * slope[k]) * nx[k],
-            c[k1, 1] + (middle[k] + 0.5 * slope[k]) * ny[k],
-        )
-        dx, dy, fx, fy = bx - ax, by - ay, qx - px, qy - py
-        t = ((px - ax) * fy - (py - ay) * fx) / (dx * fy - dy * fx)
-        corners[k, 0], corners[k, 1] = ax + t * dx, ay + t * dy
-        gx, gy = centre_share(nx, ny, k)
-        vxx += variance[k] * gx * gx
-        vxy += variance[k] * gx * gy
-        vyy += variance[k] * gy * gy
-    out.covariance_px2[n, 0], out.covariance_px2[n, 1], out.covariance_px2[n, 2] = vxx, vxy, vyy
-    # The crossing of the diagonals is the centre, but it swings with the slopes of the long sides. Perspective moves it
-    # off the corners' mean by a small amount that the expected shape knows well enough.
-    x, y = crossing(c)
-    out.centre_px[n, 0] = x + 0.25 * (corners[:, 0].sum() - c[:, 0].sum())
-    out.centre_px[n, 1] = y + 0.25 * (corners[:, 1].sum() - c[:, 1].sum())

@@ -17,6 +17,7 @@ IntArray = NDArray[np.int64]
 
 SEARCH = 0.4  # of a cell's extent: how far the quick update looks for a line; half would reach the next line
 SEARCH_PX = 256  # at most
+FLANK_PX = 8  # beside a line, at most, that it is compared with: each pixel of a column is another line of the cache
 SEARCH_LINES = 3  # profiles summed along a side
 FIXED = 16  # bits after the point of the places at which profiles are taken
 TURNS = 6  # of the robust fit, at most; the gate shrinks from turn to turn ...
@@ -66,7 +67,7 @@ def find_line(
         nx, ny, extent = -nx, -ny, -extent
     reach = int(min(SEARCH * extent, within_px, float(SEARCH_PX - 40)))
     width = max(1, round(line_ratio * extent))
-    flank = max(2, width)
+    flank = min(max(2, width), FLANK_PX)
     before = reach + flank
     count = 2 * reach + 2 * flank + width
     if count > 2 * SEARCH_PX or reach < 2:

@@ -5,8 +5,8 @@ widths are found together. What they are still wrong by pulls sides: the two sid
 that its centre stays, unless one of them is a border. As long as they settle, the centres' covariance says so.
 """
 
+from fsw.vision.corners import Cells
 from fsw.vision.edges import BLUR, COMMON, CROSS, OWN, RIGHT, FloatArray
-from fsw.vision.quads import Cells
 from wingbeat.kernels import kernel
 
 BLUR_RANGE_PX = (0.15, 4.0)

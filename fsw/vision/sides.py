@@ -13,10 +13,10 @@ from fsw.vision.edges import (
     FloatArray,
     Image,
     Scratch,
-    fit_profile,
     gather,
 )
 from fsw.vision.hot import LEAST_LINE_PX
+from fsw.vision.profile import fit_profile
 from fsw.vision.rig import distort_point
 from wingbeat.kernels import kernel
 

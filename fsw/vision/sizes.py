@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray, solve
 from fsw.vision.perspective import extent_across, side_normal
-from fsw.vision.quads import Cells
 from wingbeat.kernels import kernel
 
 GATE_SIGMAS = 4.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fsw.vision.approach import Approach
 from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
 from fsw.vision.bow import fit_kinks, make_bow, tilt_extents, unbend
+from fsw.vision.corners import Cells, make_cells
 from fsw.vision.edges import COMMON, FloatArray, Image, make_scratch
 from fsw.vision.gating import (
     count,
@@ -22,7 +23,7 @@ from fsw.vision.gating import (
 )
 from fsw.vision.grid import CellGrid
 from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
-from fsw.vision.quads import Cells, make_cells, measure_cells
+from fsw.vision.quads import measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
 from fsw.vision.sides import Lens
@@ -88,6 +89,7 @@ class Tracker:
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
         self._column = grid.column
+        self._order = np.lexsort((grid.column, grid.cell[:, 2]))  # row by row
         self._work = np.zeros((int(grid.column[-1]) + 1, 2))
 
     def _cells(self, eye: int) -> Cells:
@@ -255,6 +257,7 @@ class Tracker:
             self.expected_px[eye],
             self.deviation_px[eye],
             self.wanted,
+            self._order,
             self.line_ratio,
             self.bordering,
             self.width_scale[eye],
