@@ -14,7 +14,17 @@ from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader, w
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
 from fsw.vision.sides import Lens, inset_px, share_noise, straight_side
-from fsw.vision.strips import MOST_STRIPS, column_of, follow, place_at, strip_columns, way_along
+from fsw.vision.strips import (
+    MOST_STRIPS,
+    Way,
+    column_of,
+    follow,
+    make_strips,
+    place_at,
+    read_strips,
+    strip_columns,
+    way_along,
+)
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import kernel
 
@@ -160,21 +170,14 @@ def test_strips_have_as_many_columns_as_the_edges_drift_allows(end: tuple[float,
     assert strip_columns(0.0, 30) == 1  # too few pixels for wider ones
 
 
-@pytest.mark.parametrize(
-    ("begin", "stop"), [(60.4, 240.9), (240.9, 60.4), (30.2, 2990.1), (-40.0, 200.0), (2800.0, 3100.0)]
-)
-def test_strips_cover_what_the_image_shows_of_a_side_evenly(begin: float, stop: float) -> None:
-    way = way_along(np.zeros((8, 3000), np.uint8), True, True, begin, stop, 0.01, 12)
+@pytest.mark.parametrize(("begin", "stop"), [(60.4, 240.9), (240.9, 60.4), (30.2, 2990.1), (-40.0, 200.0)])
+def test_strips_cover_a_side_evenly(begin: float, stop: float) -> None:
+    way = way_along(True, True, begin, stop, 0.01, 12)
     columns = np.array([column_of(way, i) for i in range(way.strips)])
-    low, high = max(min(begin, stop), 0.0), min(max(begin, stop), 2999.0)
+    low, high = min(begin, stop), max(begin, stop)
     assert (np.diff(columns) >= way.each).all() and low <= columns[0] and columns[-1] + way.each - 1 <= high
     assert abs((columns[0] - low) - (high - columns[-1] - way.each + 1)) <= 2.0
     assert way.strips == MOST_STRIPS if high - low > 1100.0 else high - low - way.strips * way.each < way.each
-
-
-def test_a_side_of_which_less_than_the_half_is_seen_has_no_strips() -> None:
-    assert way_along(np.zeros((300, 8), np.uint8), False, True, -110.0, 99.0, 0.01, 12).strips == 0
-    assert way_along(np.zeros((300, 8), np.uint8), False, True, 250.0, 430.0, 0.01, 12).strips == 0
 
 
 @pytest.mark.parametrize("quarter", range(4))
@@ -305,6 +308,28 @@ def test_at_the_images_rim_nothing_beyond_it_is_read(quarter: int) -> None:
     whole[: shown.size] = shown.ravel()
     assert edge.measure(whole[: shown.size].reshape(shown.shape)) == edge.measure(np.ascontiguousarray(shown))
     assert low.min() > 0
+
+
+@pytest.mark.parametrize(
+    ("row", "column"), [(0, -30), (0, 20), (1, -30), (60, -30), (287, 200), (286, 300), (100, 300)]
+)
+def test_strips_beyond_the_images_rim_are_left_out(row: int, column: int) -> None:
+    """The image is the middle of a larger one, whose rest is bright: none of it comes into a strip."""
+    whole = np.full(302 * 320, 255, np.uint8)
+    image = whole[320:-320].reshape(300, 320)
+    image[:] = np.random.default_rng(6).integers(0, 200, image.shape)
+    strips, way = make_strips(), Way(True, True, column, 40, 2, 32, 12)
+    read_strips(image, (0.0, row + 5.3, 0.0, 0.0), way, strips)
+    for i in range(40):
+        first = column_of(way, i)
+        start = strips.start[i]
+        if first < 0 or first + 2 > 320:
+            assert start < 0
+        elif start >= 0:
+            true = image[row : row + 12, first : first + 2].sum(axis=1, dtype=float)
+            assert (strips.lines[i, start : start + 12] == true).all()
+        else:
+            assert row in (0, 288)  # beside the rim the whole row of strips is left out
 
 
 def test_a_noisy_segment_keeps_its_noise_and_the_others_share_theirs() -> None:

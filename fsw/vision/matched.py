@@ -98,7 +98,7 @@ def match_segments(
     inset = inset_px(length, lens.blur_px, lean_px) / length
     near, far = (start[0] + inset * dx, start[1] + inset * dy), (end[0] - inset * dx, end[1] - inset * dy)
     vertical, gain, begin, stop, curve = follow(near, far, normal, intrinsics, distortion)
-    way = way_along(image, vertical, gain > 0.0, begin, stop, curve[2], taps)
+    way = way_along(vertical, gain > 0.0, begin, stop, curve[2], taps)
     count, each = way.strips, way.each
     pieces = min(SEGMENTS, max(2, count // SEGMENT_STRIPS))
     # A strip along which the edge drifts looks more blurred, and so does an edge more askew to the pixels than the

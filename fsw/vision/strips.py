@@ -30,14 +30,14 @@ class Strips(NamedTuple):
     """Strips of the side being measured; taken once."""
 
     lines: NDArray[np.float32]  # (MOST_STRIPS + LANES, LINE_PX) their pixels, along the image
-    start: NDArray[np.int32]  # (MOST_STRIPS,) where in its line a strip's window begins, < 0: not in the image
+    start: NDArray[np.int64]  # (MOST_STRIPS,) where in its line a strip's window begins, < 0: not in the image
     place: FloatArray  # (MOST_STRIPS,) of the edge behind the pixel before the window's middle, outwards, 0 .. 1
 
 
 def make_strips() -> Strips:
     """Take the memory."""
     lines = np.zeros((MOST_STRIPS + LANES, LINE_PX), np.float32)
-    return Strips(lines, np.zeros(MOST_STRIPS, np.int32), np.zeros(MOST_STRIPS))
+    return Strips(lines, np.zeros(MOST_STRIPS, np.int64), np.zeros(MOST_STRIPS))
 
 
 class Way(NamedTuple):
@@ -103,22 +103,17 @@ def drift_variance(slope: float, each: int) -> float:
 
 
 @kernel
-def way_along(image: Image, vertical: bool, outwards: bool, begin: float, stop: float, slope: float, taps: int) -> Way:
-    """Cut what the image shows of a side from `begin` to `stop` along it into strips; none if that is not the half."""
-    limit = image.shape[1] if vertical else image.shape[0]
-    first, last = math.ceil(min(begin, stop)), math.floor(max(begin, stop))
-    whole = last - first + 1
-    first, last = max(first, 0), min(last, limit - 1)
-    columns = last - first + 1
+def way_along(vertical: bool, outwards: bool, begin: float, stop: float, slope: float, taps: int) -> Way:
+    """Cut a side from `begin` to `stop` along the image into strips."""
+    first = math.ceil(min(begin, stop))
+    columns = math.floor(max(begin, stop)) - first + 1
     each = strip_columns(slope, columns)
-    if 2 * columns < whole:
-        return Way(vertical, outwards, first, 0, each, LANES * each, taps)
     span = LANES * each * (1 + columns // (each * MOST_STRIPS))  # a huge cell's columns need not all be read
     blocks = columns // span
-    count = LANES * blocks + min((columns - blocks * span) // each, LANES)
-    way = Way(vertical, outwards, first, count, each, span, taps)
-    first += (last + 1 - column_of(way, count - 1) - each) // 2
-    return Way(vertical, outwards, first, count, each, span, taps)
+    strips = LANES * blocks + min((columns - blocks * span) // each, LANES)
+    way = Way(vertical, outwards, first, strips, each, span, taps)
+    first += (first + columns - column_of(way, strips - 1) - each) // 2
+    return Way(vertical, outwards, first, strips, each, span, taps)
 
 
 @kernel
@@ -131,13 +126,18 @@ def column_of(way: Way, strip: int) -> int:
 def read_strips(image: Image, curve: Curve, way: Way, out: Strips) -> None:
     """Read the strips of a side that the image shows."""
     half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
-    limit = (image.shape[0] if way.vertical else image.shape[1]) - way.taps
+    across, along = image.shape if way.vertical else image.shape[::-1]
+    limit = across - way.taps
     for i in range(way.strips):
         # Places are counted outwards, as the templates are.
-        centre = sign * place_at(curve, column_of(way, i) + 0.5 * (way.each - 1))
+        column = column_of(way, i)
+        centre = sign * place_at(curve, column + 0.5 * (way.each - 1))
         base = math.floor(centre)
         out.place[i] = centre - base
-        out.start[i] = base - half + 1 if way.outwards else -base - half
+        if column < 0 or column + way.each > along:
+            out.start[i] = -1
+        else:
+            out.start[i] = base - half + 1 if way.outwards else -base - half
     for i in range(0, way.strips, LANES):
         if way.vertical:
             _read_columns(image, way, i, limit, out)
@@ -150,17 +150,19 @@ def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -
     """Read LANES strips that lie side by side along image rows."""
     end = min(strip + LANES, way.strips)
     column = column_of(way, strip)
-    # Of the image's last row nothing may be read beyond its end.
-    beyond, last = column + LANES * way.each - image.shape[1], image.shape[0] - 1
+    # Nothing may be read before the image's first pixel, nor behind its last.
+    pitch, last = image.strides[0] // image.itemsize, image.shape[0] - 1
+    before, beyond = -column, column + LANES * way.each - image.shape[1]
+    least = 1 + (before - 1) // pitch if before > 0 else 0
     if beyond > 0:
-        shorter = 1 + (beyond - 1) // (image.strides[0] // image.itemsize)
+        shorter = 1 + (beyond - 1) // pitch
         last, limit = last - shorter, limit - shorter
     row, stop = last + 1, 0
     for i in range(strip, end):
-        if 0 <= out.start[i] <= limit:
+        if least <= out.start[i] <= limit:
             row, stop = min(row, out.start[i]), max(stop, out.start[i] + way.taps)
     for i in range(strip, end):
-        inside = 0 <= out.start[i] <= min(limit, row + LINE_PX - LANES)
+        inside = least <= out.start[i] <= min(limit, row + LINE_PX - LANES)
         out.start[i] = out.start[i] - row if inside else -1
     x, z, s = np.uintp(column), np.uintp(last), np.uintp(strip)
     for place in range(0, min(stop - row, LINE_PX), ROWS):
