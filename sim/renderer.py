@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim.artwork import Artwork
 from sim.kernels import draw, normal_table
-from sim.mapping import STEP_PX, Light, View, map_nodes, spread_nodes
+from sim.mapping import STEP_PX, Light, View, centre_chords, map_nodes, spread_nodes
 from sim.rig import Eye, Pose
 
 FloatArray = NDArray[np.float64]
@@ -70,6 +70,7 @@ class Renderer:
         )
         rows, columns = (-(-(n - 1) // STEP_PX) + 2 for n in (eye.height, eye.width))
         self._nodes = np.zeros((rows, columns, 5))
+        self._turn, self._above = np.zeros((2, columns, 2))
         self._at = np.zeros((columns, 5))
         self._grey = np.zeros(eye.width, dtype=np.float32)
         self._table = normal_table()
@@ -80,6 +81,7 @@ class Renderer:
         sensor = self.sensor
         per_electron = sensor.top / sensor.full_well_e
         map_nodes(self._nodes, self._view, self._light, patches, x_mm, y_mm)
+        centre_chords(self._nodes, self._turn, self._above)
         spread_nodes(self._nodes, self._spread_px)
         draw(
             out,

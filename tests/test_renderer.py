@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from hal.drivers.lockstep_clock import LockstepClock
 from sim.cameras import SimulatedCamera, SimulatedTrigger
+from sim.mapping import STEP_PX, centre_chords
 from sim.scenario import Scenario, load_scenario
 from sim.surface import heights
 from sim.world import World
@@ -151,6 +152,22 @@ CASES = {
     "distorted": (changed(k1=-0.12), (AMID_PANEL, LOWER_EDGE, (1, (5, 300)))),
     "soft": (changed(psf_px=1.0), (AMID_PANEL, HINGE)),
 }
+
+
+def test_straight_lines_between_nodes_are_right_on_average() -> None:
+    j, i = np.meshgrid(np.arange(97.0), np.arange(65.0))
+    exact = np.stack([0.24 * j / (1.0 - 2e-4 * j - 1e-4 * i), 0.25 * i / (1.0 + 1e-4 * j - 3e-4 * i)], axis=-1)
+    nodes = np.zeros((17, 25, 5))
+    nodes[..., :2] = exact[::STEP_PX, ::STEP_PX]
+
+    def off() -> FloatArray:
+        ends = (np.arange(17.0) * STEP_PX, np.arange(25.0) * STEP_PX)
+        drawn = [RectBivariateSpline(*ends, nodes[..., k], kx=1, ky=1)(i[:, 0], j[0]) for k in (0, 1)]
+        return np.abs((np.stack(drawn, axis=-1) - exact)[:-1, :-1].mean(axis=(0, 1)))
+
+    chords = off()
+    centre_chords(nodes, *np.zeros((2, 25, 2)))
+    assert (off() < 0.05 * chords).all()
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -126,8 +126,11 @@ class Edge:
         e = np.subtract(self.end, self.start) / np.hypot(*np.subtract(self.end, self.start))
         return float(self.outwards * e[1]), float(-self.outwards * e[0])
 
-    def light(self, away_px: float = 0.0) -> FloatArray:
-        """Grey values, the edge moved outwards: the lens's blur along the normal, the pixel's by integration."""
+    def light(self, away_px: float = 0.0, grows: float = 0.0) -> FloatArray:
+        """Grey values, the edge moved outwards: the lens's blur along the normal, the pixel's by integration.
+
+        grows: relative growth of the light per px outwards.
+        """
         lens, (width, height) = self.lens, self.size
         total = np.zeros((height, width))
         x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
@@ -135,19 +138,26 @@ class Edge:
             at = np.stack([(x + 0.5 * p).ravel(), (y + 0.5 * q).ravel()], axis=1)
             ideal = undistort_points(at, lens.intrinsics, lens.distortion) if lens.distortion.any() else at
             far = (ideal - np.array(self.start)) @ np.array(self.normal) - away_px
-            total += 0.25 * wp * wq * ndtr(far / BLUR_PX).reshape(height, width)
-        return self.grey[0] + (self.grey[1] - self.grey[0]) * total
+            grey = self.grey[0] + (self.grey[1] - self.grey[0]) * ndtr(far / BLUR_PX)
+            total += 0.25 * wp * wq * (grey * (1.0 + grows * far)).reshape(height, width)
+        return total
 
-    def measure(self, image: Any, ratio: float = 1.0, room_px: float = 9.0) -> tuple[bool, float, float]:
-        """Whether the side is found, how far outwards, and its variance."""
+    def measure(
+        self, image: Any, ratio: float = 1.0, room_px: float = 9.0, gain: float | None = None, grows: float = 0.0
+    ) -> tuple[bool, float, float]:
+        """Whether the side is found, how far outwards, and its variance.
+
+        gain: the templates', if not this edge's own; grows: of the light, as the tracker is told.
+        """
         scratch, lens = make_scratch(), self.lens
         scratch.templates.noise[0] = 1.0, ratio
         across = np.abs(np.subtract(self.end, self.start)).max() / np.hypot(*np.subtract(self.end, self.start))
-        fill_templates(lens.step, lens.blur_px, float(across), room_px, 0, scratch.templates)
+        fill_templates(lens.step, lens.blur_px, gain or float(across), room_px, 0, scratch.templates)
         sign = 1.0 if self.grey[1] > self.grey[0] else -1.0
-        pieces, found, _ = match_segments(image, lens, self.start, self.end, self.normal, 0.0, 0, sign, scratch)
+        side = self.start, self.end, self.normal
+        pieces, found, _, by_light = match_segments(image, lens, *side, 0.0, 0, sign, scratch)
         good, middle, _, variance, _ = straight_side(scratch.segments, found)
-        return good and 2 * found >= pieces, middle, variance
+        return good and 2 * found >= pieces, middle - by_light * grows, variance
 
 
 LEVEL, STEEPER, STEEP = (260.9, 90.7), (250.2, 112.9), (210.4, 171.8)  # strips of 4, 2 and 1 columns
@@ -338,3 +348,19 @@ def test_a_noisy_segment_keeps_its_noise_and_the_others_share_theirs() -> None:
     share_noise(segments, 6)
     assert segments[[0, 1, 2, 3, 5], 2] == pytest.approx(np.full(5, 1.0))
     assert segments[4, 2] == pytest.approx(40.0)
+
+
+def test_a_side_more_askew_than_its_templates_is_not_taken_for_a_shifted_one() -> None:
+    edge = Edge(end=STEEPER)
+    image = edge.light()
+    own = edge.measure(image, ratio=6.0)[1]
+    for gain in (1.0, 0.96):
+        assert abs(edge.measure(image, ratio=6.0, gain=gain)[1] - own) < 5e-4
+
+
+@pytest.mark.parametrize("outwards", [1.0, -1.0])
+def test_light_that_grows_across_a_side_shifts_it_by_what_is_told(outwards: float) -> None:
+    edge, grows = Edge(outwards=outwards), 2e-3
+    still, image = edge.measure(edge.light(), ratio=5.0)[1], edge.light(grows=grows)
+    assert edge.measure(image, ratio=5.0)[1] - still > 2.0 * grows
+    assert abs(edge.measure(image, ratio=5.0, grows=grows)[1] - still) < 0.2 * grows

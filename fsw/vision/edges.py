@@ -29,6 +29,7 @@ MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else
 # What all edges of an eye have in common, in the order of Scratch.pooled: the blur, and the relative width of the lines
 # that run along X (sides 0 and 2) and along Y (sides 1 and 3). Of one edge, in Scratch.fresh: the blur and its line's.
 BLUR, WIDTH, WIDTH_ALONG_X, WIDTH_ALONG_Y, COMMON = 0, 1, 1, 2, 3
+LIGHT = 2  # in Scratch.coupled: light that grows by its whole per px outwards
 RIGHT, OWN, CROSS = 0, 1, 2  # of their normal equations: right side, diagonal, and what couples a width to the blur
 # Two more rows regress the squares e of what edges leave over on the grey values y: sums of 1, y, y^2, and of e, e y.
 POOLED_ROWS, FRESH_ROWS = COMMON + 2, 4
@@ -43,7 +44,7 @@ class Scratch(NamedTuple):
     number: FloatArray  # (BINS,) and how many
     normal: FloatArray  # (4, 4) normal equations
     right: FloatArray  # (4,) and their right side
-    coupled: FloatArray  # (2, 4) and how BLUR and WIDTH are coupled to their unknowns
+    coupled: FloatArray  # (3, 4) and how BLUR, WIDTH and LIGHT are coupled to their unknowns
     segments: FloatArray  # (SEGMENTS, 4) place along the side (-0.5 .. 0.5), offset, variance, and that of unit noise
     fresh: FloatArray  # (FRESH_ROWS, 3) RIGHT, OWN, CROSS of BLUR and WIDTH, of the last edge fitted,
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
@@ -54,7 +55,7 @@ class Scratch(NamedTuple):
 def make_scratch() -> Scratch:
     """Take the working memory."""
     total, place, square, number = np.zeros((4, BINS))
-    fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((2, 4))
+    fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((3, 4))
     fresh, pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
     return Scratch(*fit, np.zeros((SEGMENTS, 4)), fresh, pooled, make_templates(), make_strips())
 

@@ -19,8 +19,9 @@ JUDGED = 16  # every so many strips are asked for what the model leaves over
 
 # Columns of sums over a segment's strips: how many there are, the step b and c, which is b times the shift in pixels;
 COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
-# and of every JUDGED-th: how many, squares that the model leaves over, the correction of the blur and its weight.
-JUDGES, REST, BLUR_NUM, BLUR_DEN = 5, 6, 7, 8
+# and of every JUDGED-th: how many, squares that the model leaves over, the correction of the blur and its weight, and
+# the cell's grey value.
+JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL = 5, 6, 7, 8, 9
 
 
 @kernel
@@ -43,7 +44,7 @@ def match_strips(
     table = np.uintp(table_of(row, way.outwards))
     for piece in range(pieces):
         count, judged, sb, sbb, sbc, scc = 0, 0, 0.0, 0.0, 0.0, 0.0
-        rest, blur_num, blur_den = 0.0, 0.0, 0.0
+        rest, blur_num, blur_den, cell = 0.0, 0.0, 0.0, 0.0
         for i in range(way.strips * piece // pieces, way.strips * (piece + 1) // pieces):
             start = starts[i]
             if start < 0:
@@ -65,11 +66,12 @@ def match_strips(
                 low, high = lines[i, start + 1] - lines[i, start], lines[i, start + last] - lines[i, start + last - 1]
                 noise[row, INSIDE] += low * low if way.outwards else high * high
                 noise[row, LINE] += high * high if way.outwards else low * low
+                cell += lines[i, start] if way.outwards else lines[i, start + last]
                 judged += 1
             count += 1
         sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC], sums[piece, CC] = count, sb, sbb, sbc, scc
         sums[piece, JUDGES], sums[piece, REST] = judged, rest
-        sums[piece, BLUR_NUM], sums[piece, BLUR_DEN] = blur_num, blur_den
+        sums[piece, BLUR_NUM], sums[piece, BLUR_DEN], sums[piece, CELL] = blur_num, blur_den, cell
 
 
 @kernel
@@ -83,8 +85,8 @@ def match_segments(
     row: int,
     sign: float,
     scratch: Scratch,
-) -> tuple[int, int, float]:
-    """As fit_segments, by the templates of one direction of sides, where both plateaus are wide enough.
+) -> tuple[int, int, float, float]:
+    """As fit_segments, without blur and width, by the templates of one direction of sides, if plateaus are wide enough.
 
     lean_px: see inset_px.
     """
@@ -110,7 +112,8 @@ def match_segments(
     sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
     match_strips(scratch.strips, way, row, pieces, weight, own, scale, noise, sums)
-    found, contrast = 0, 0.0
+    lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
+    found, contrast, by_light = 0, 0.0, 0.0
     for piece in range(pieces):
         begun, ended = way.strips * piece // pieces, way.strips * (piece + 1) // pieces
         count, b, bb, bc = sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC]
@@ -133,7 +136,9 @@ def match_segments(
             off = away * away / (2.0 * lens_px) + wider
             pooled[BLUR, RIGHT] += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
             pooled[BLUR, OWN] += sums[piece, BLUR_DEN] / each
+        cell = sums[piece, CELL] / (max(sums[piece, JUDGES], 1.0) * each)
+        by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step)))
         contrast += step
         found += 1
     share_noise(segments, found)
-    return pieces, found, contrast / max(found, 1)
+    return pieces, found, contrast / max(found, 1), by_light / max(found, 1)

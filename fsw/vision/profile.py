@@ -9,6 +9,7 @@ from fsw.vision.edges import (
     BLUR,
     CROSS,
     FRESH_ROWS,
+    LIGHT,
     MAX_WALK_PX,
     OWN,
     RIGHT,
@@ -31,7 +32,8 @@ class EdgeFit(NamedTuple):
     expected_px2: the variance, were the noise as expected. misfit_px2: what the edge may be off by because the model
     leaves more over than noise can: by as many deviations as that is at most, if it were all along the offset.
     blur_pull, width_pull_px: by how much the offset would change if the lens blurred by 1 px more, and if the line were
-    wider, per unit of relative width.
+    wider, per unit of relative width. light_pull_px2: by how much it is off where light grows outwards, per unit of
+    relative growth per px.
     """
 
     good: bool
@@ -44,9 +46,10 @@ class EdgeFit(NamedTuple):
     residual: float
     blur_pull: float
     width_pull_px: float
+    light_pull_px2: float
 
 
-_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @kernel
@@ -78,7 +81,7 @@ def fit_profile(
     for turn in range(FIT_STEPS + 1):
         # Parameters: cell, line, (next cell,) offset. At turn 0 the offset is held: grey values alone are found.
         for i in range(n):
-            b[i] = coupled[BLUR, i] = coupled[WIDTH, i] = 0.0
+            b[i] = coupled[BLUR, i] = coupled[WIDTH, i] = coupled[LIGHT, i] = 0.0
             for j in range(n):
                 A[i, j] = 0.0
         fresh[:] = 0.0
@@ -106,8 +109,13 @@ def fit_profile(
                 coupled[BLUR, 0] += c * j_blur * j_inside
                 coupled[BLUR, 1] += c * j_blur * j_line
                 coupled[BLUR, last] += c * j_blur * j_offset
+                lit = c * grey * x
+                coupled[LIGHT, 0] += lit * j_inside
+                coupled[LIGHT, 1] += lit * j_line
+                coupled[LIGHT, last] += lit * j_offset
                 if n == 4:
                     coupled[BLUR, 2] += c * j_blur * j_beyond
+                    coupled[LIGHT, 2] += lit * j_beyond
                     j_width = -(beyond - line) * d2 * width_px  # per unit of relative width
                     width_num += c * r * j_width
                     width_den += c * j_width * j_width
@@ -146,7 +154,7 @@ def fit_profile(
             return _NO_EDGE
         if turn == last_turn:
             for i in range(n):  # take away what the edge's own unknowns could do instead: Schur's complement
-                for j in range(2):
+                for j in range(3):
                     for k in range(i):
                         coupled[j, i] -= A[i, k] * coupled[j, k]
                     coupled[j, i] /= A[i, i]
@@ -178,11 +186,15 @@ def fit_profile(
                 fresh[row, k] *= used / (used - n)
     # The offset is the last unknown, so its variance is the inverse square of the factor's last pivot.
     stiff = A[last, last]
-    by_blur, by_width = -coupled[BLUR, last] / stiff, -coupled[WIDTH, last] / stiff
+    by_blur, by_width, by_light = (
+        -coupled[BLUR, last] / stiff,
+        -coupled[WIDTH, last] / stiff,
+        coupled[LIGHT, last] / stiff,
+    )
     residual = math.sqrt(plain / (used - n))
     misfit = max(scale - MISFIT, 0.0) * (used - n)
     variances = scale / stiff**2, 1.0 / stiff**2, misfit / stiff**2
-    return EdgeFit(True, offset, *variances, inside, line, residual, by_blur, by_width)
+    return EdgeFit(True, offset, *variances, inside, line, residual, by_blur, by_width, by_light)
 
 
 @kernel

@@ -46,7 +46,8 @@ RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 WORST_PX = 0.3  # a side less sure than this is as good as hidden
-FLOOR_PX = 0.0005  # no side is known better than this: what quantisation leaves
+UNEVEN = 0.5  # of what light that grows across a cell shifts sides by: it may grow unevenly
+MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is known better
 
 
 @kernel
@@ -90,6 +91,7 @@ def measure_cells(
     flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((POOLED_ROWS, 3))
     middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
     by_blur, by_width, weight, cross = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    bright, by_light = np.zeros(4), np.zeros(4)
     for n in order:
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
         out.corners_px[n] = np.nan
@@ -136,17 +138,17 @@ def measure_cells(
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
             by_blur[k], by_width[k] = sharpened[k % 2] if plain else 0.0, 0.0
             weight[k], cross[k] = scratch.pooled[row, OWN], scratch.pooled[row, CROSS]
-            m, s, v, r, side_contrast, ok = 0.0, 0.0, 0.0, 0.0, 0.0, False
+            m, s, v, r, ok = 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
                 a, b = m - 0.5 * s, m + 0.5 * s
                 start = (c[k, 0] + a * nx[k], c[k, 1] + a * ny[k])
                 end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
                 if plain:
-                    pieces, found, side_contrast = match_segments(
+                    pieces, found, bright[k], by_light[k] = match_segments(
                         image, lens, start, end, (nx[k], ny[k]), half * lean, k % 2, sign, scratch
                     )
                 else:
-                    pieces, found, side_contrast, by_blur[k], by_width[k] = fit_segments(
+                    pieces, found, bright[k], by_light[k], by_blur[k], by_width[k] = fit_segments(
                         image,
                         lens,
                         start,
@@ -174,13 +176,21 @@ def measure_cells(
                     break
                 continue
             weight[k], cross[k] = scratch.pooled[row, OWN] - weight[k], scratch.pooled[row, CROSS] - cross[k]
-            middle[k], slope[k], variance[k] = m, s, v + FLOOR_PX * FLOOR_PX
+            middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX
             squares += r * r
-            contrast += side_contrast
+            contrast += bright[k]
         if hidden > 0:
             scratch.pooled[:] = agreed  # whatever hides a side may also lie over the others
         if hidden > 1:
             continue
+        for k in range(2):
+            if hidden == 0 or which % 2 != k:
+                # Light that grows across the cell, as the lines' contrast tells, feigns a shift where it is brighter.
+                k2 = k + 2
+                grows = 2.0 * (bright[k] - bright[k2]) / ((bright[k] + bright[k2]) * extents[k])
+                ahead, behind = by_light[k] * grows, -by_light[k2] * grows
+                middle[k], variance[k] = middle[k] - ahead, variance[k] + (UNEVEN * ahead) ** 2
+                middle[k2], variance[k2] = middle[k2] - behind, variance[k2] + (UNEVEN * behind) ** 2
         if hidden == 0:
             # The lines were expected too narrow by as much as the cell was.
             for k in range(2):

@@ -66,11 +66,11 @@ def fit_segments(
     sign: float,
     stride: int,
     scratch: Scratch,
-) -> tuple[int, int, float, float, float]:
+) -> tuple[int, int, float, float, float, float]:
     """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast.
 
-    And the means of what more blur and a wider line would change (see EdgeFit). widths_px: of the line, at both ends;
-    0: none. lean_px: see inset_px.
+    And the means of what light, more blur and a wider line would change (see EdgeFit). widths_px: of the line, at both
+    ends; 0: none. lean_px: see inset_px.
     """
     blur = lens.blur_px
     length = math.hypot(end[0] - start[0], end[1] - start[1])
@@ -80,7 +80,7 @@ def fit_segments(
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
     wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
     misfit = np.zeros(SEGMENTS)
-    found, contrast, by_blur, by_width = 0, 0.0, 0.0, 0.0
+    found, contrast, by_light, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
         f1 = (inset + (length - 2.0 * inset) * (piece + 1) / pieces) / length
@@ -108,12 +108,14 @@ def fit_segments(
             misfit[found] = fit.misfit_px2
             contrast += step
             by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
+            by_light += fit.light_pull_px2
             _pool(scratch, width_row)
             found += 1
     share_noise(scratch.segments, found)
     for i in range(found):  # what is quieter than the eye's noise is so by luck
         scratch.segments[i, 2] = max(scratch.segments[i, 2], scratch.segments[i, 3]) + misfit[i]
-    return pieces, found, contrast / max(found, 1), by_blur / max(found, 1), by_width / max(found, 1)
+    good = max(found, 1)
+    return pieces, found, contrast / good, by_light / good, by_blur / good, by_width / good
 
 
 @kernel

@@ -29,7 +29,7 @@ LEAST_HALF = 4  # and as many pixels beyond the four unknowns as tell what these
 WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
 NOISE_RANGE = 12.0  # times as much variance on one plateau as on the other, at most
 INSIDE, LINE = 0, 1  # in Templates.noise
-MOST_SEGMENTS, SUMS = 6, 9
+MOST_SEGMENTS, SUMS = 6, 10
 
 
 class Templates(NamedTuple):
@@ -44,6 +44,9 @@ class Templates(NamedTuple):
     bent: FloatArray  # (2, 2) a linear shift f means f + bent[0] f2 + bent[1] f3
     blurred: FloatArray  # (2,) and what an edge blurred by 1 px more seems shifted by
     gain: FloatArray  # (2,) distance from the edge per pixel across
+    lit: (
+        FloatArray  # (2, 2) and by light that grows by its whole per px outwards, on cell and line, for line - cell = 1
+    )
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
     sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
@@ -58,6 +61,7 @@ def make_templates() -> Templates:
         np.zeros((2, 2)),
         np.zeros(2),
         np.zeros(2),
+        np.zeros((2, 2)),
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
         np.zeros((MOST_SEGMENTS, SUMS)),
@@ -104,7 +108,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
         out.pixel_weight[table] = 0.0
     half = taps // 2
     basis, ahead, behind, pixel = np.empty((4, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    probed_ahead, probed_behind, blurred = 0.0, 0.0, 0.0
+    probed_ahead, probed_behind, blurred, lit_cell, lit_line = 0.0, 0.0, 0.0, 0.0, 0.0
     for phase in range(PHASES):
         total = 0.0
         for k in range(taps):
@@ -129,6 +133,10 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
             weight[LEVEL, k] = pixel[k] * basis[LEVEL, k]
         for k in range(taps):
             out.pixel_weight[row + 2, phase, taps - 1 - k] = pixel[k]
+            x = gain * (k - (half - 1) - (phase + 0.5) / PHASES)
+            value, _, _ = look_up(step, x)
+            lit_cell += weight[SHIFT, k] * x * (1.0 - value) / PHASES
+            lit_line += weight[SHIFT, k] * x * value / PHASES
             for i in range(4):
                 out.weight[row + 2, phase, i, taps - 1 - k] = weight[i, k]
         probed_ahead += _probe(weight, ahead, taps) / PHASES
@@ -139,7 +147,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
     det = p * p * q**3 - q * q * p**3
     out.bent[row, 0] = ((PROBE_PX - p) * q**3 - (-PROBE_PX - q) * p**3) / det
     out.bent[row, 1] = (p * p * (-PROBE_PX - q) - q * q * (PROBE_PX - p)) / det
-    out.blurred[row] = blurred
+    out.blurred[row], out.lit[row, INSIDE], out.lit[row, LINE] = blurred, lit_cell, lit_line
 
 
 @kernel
