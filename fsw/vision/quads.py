@@ -46,6 +46,7 @@ RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 WORST_PX = 0.3  # a side less sure than this is as good as hidden
+EVEN_LIGHT = 0.1  # part of the light by which it may change across a cell: more is a shadow's edge, or a glint
 UNEVEN = 0.5  # of what light that grows across a cell shifts sides by: it may grow unevenly
 MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is known better
 
@@ -188,6 +189,8 @@ def measure_cells(
                 # Light that grows across the cell, as the lines' contrast tells, feigns a shift where it is brighter.
                 k2 = k + 2
                 grows = 2.0 * (bright[k] - bright[k2]) / ((bright[k] + bright[k2]) * extents[k])
+                if abs(grows) * extents[k] > EVEN_LIGHT:
+                    continue
                 ahead, behind = by_light[k] * grows, -by_light[k2] * grows
                 middle[k], variance[k] = middle[k] - ahead, variance[k] + (UNEVEN * ahead) ** 2
                 middle[k2], variance[k2] = middle[k2] - behind, variance[k2] + (UNEVEN * behind) ** 2
