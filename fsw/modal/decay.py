@@ -31,6 +31,8 @@ _SAMPLES_OF_A_MODE = 6
 _FALSE_ALARM = 1e-9
 # Coordinates with so much more power than the quietest are searched first, but so many at least.
 _LOUD, _LEAST_LOUD = 2.0, 4
+# Noise is never finer than rounding of the signals, as a share of them.
+_ROUNDING = 1e-9
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -104,8 +106,9 @@ def _settle(
     span = settled.span.of(np.concatenate([settled.poles, [c.pole.s for c in fresh]]))
     searched = False
     rounds = 0
+    least = _ROUNDING**2 * float(np.max(signals.var(axis=0))) + 1e-300
     while True:
-        whitened = signals @ _whitening(signals, span.fit(signals))
+        whitened = signals @ _whitening(span.fit(signals), least)
         fit = span.fit(whitened)
         fit = refined(fit, whitened) if searched else fit
         drop = _least_needed(time_s, fit)
@@ -122,12 +125,11 @@ def _settle(
             searched, span = True, fit.span
 
 
-def _whitening(signals: FloatArray, fit: Fit) -> FloatArray:
-    """Symmetric inverse root (p, p) of the residual's covariance; never finer than rounding of the signals."""
-    freedom = max(len(signals) - len(fit.triangle) - 2 * len(fit.poles) / signals.shape[1], 1.0)
-    covariance = fit.residual.T @ fit.residual / freedom
-    values, vectors = np.linalg.eigh(covariance)
-    least = (1e-9**2) * float(np.max(signals.var(axis=0))) + 1e-300
+def _whitening(fit: Fit, least: float) -> FloatArray:
+    """Symmetric inverse root (p, p) of the residual's covariance, of which no direction has less than the least."""
+    count, width = fit.residual.shape
+    freedom = max(count - len(fit.triangle) - 2 * len(fit.poles) / width, 1.0)
+    values, vectors = np.linalg.eigh(fit.residual.T @ fit.residual / freedom)
     return (vectors / np.sqrt(np.maximum(values, least))) @ vectors.T
 
 

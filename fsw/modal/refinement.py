@@ -87,6 +87,12 @@ class Fit:
         return self.span.tangent
 
     @cached_property
+    def directions(self) -> FloatArray:
+        """Unit vectors (m, p) of the coordinates along which each mode moves most."""
+        waves = self.coefficients[: 2 * len(self.poles)].reshape(len(self.poles), 2, -1)
+        return np.linalg.svd(waves, full_matrices=False)[2][:, 0]
+
+    @cached_property
     def information(self) -> FloatArray:
         """Fisher information (2 m, 2 m) of the poles' (Re, Im), interleaved, for unit noise in every coordinate."""
         return _information(self.span.gram, pole_directions(self.coefficients, len(self.poles)))
@@ -115,9 +121,10 @@ def spanned(time_s: FloatArray, poles: ComplexArray, drift: FloatArray) -> Span:
     # LAPACK itself: the search makes so many small factors that what is wrapped round them would cost as much.
     factored, tau, *_ = dgeqrf(basis)
     Q, R = dorgqr(factored, tau)[0], np.triu(factored[: basis.shape[1]])
-    floor = 1e-12 * float(np.max(np.abs(np.diag(R))))
-    diagonal = np.diag(R).copy()
-    R = R + np.diag(np.where(np.abs(diagonal) < floor, np.copysign(floor, diagonal) - diagonal, 0.0))
+    size = np.abs(np.diagonal(R))
+    floor = 1e-12 * float(np.max(size))
+    for k in np.flatnonzero(size < floor):
+        R[k, k] = np.copysign(floor, R[k, k])
     return Span(time_s, poles, basis, Q, R)
 
 

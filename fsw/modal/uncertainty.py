@@ -16,6 +16,8 @@ ComplexArray = NDArray[np.complex128]
 _REACH = 11
 # A frequency of which the fit leaves less than this share of white noise tells nothing.
 _CLEAR = 0.3
+# Of the two tangents of a pole, one that is shorter than the other by the root of this is none.
+_ROUNDING = 1e-15
 # The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
 # so many.
 _PRIOR_SAMPLES = 10.0
@@ -39,12 +41,10 @@ def modal_sigmas(poles: ComplexArray, information: FloatArray, noise: FloatArray
     power beside each mode.
     """
     covariance = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
-    sigmas = np.empty((len(poles), 2))
-    for j, s in enumerate(poles):
-        J = pole_to_modal(complex(s))
-        block = J @ covariance[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] @ J.T
-        sigmas[j] = np.sqrt(np.maximum(np.diag(block), 0.0) * noise[j])
-    return sigmas
+    slopes = np.array([pole_to_modal(complex(s)) for s in poles]).reshape(-1, 2, 2)
+    own = np.arange(2 * len(poles)).reshape(-1, 2)
+    spread = slopes @ covariance[own[:, :, None], own[:, None, :]] @ slopes.transpose(0, 2, 1)
+    return np.sqrt(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 0.0) * noise[:, None])
 
 
 def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tuple[float, float]:
@@ -55,12 +55,6 @@ def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tupl
     """
     cycles = frequency_hz * duration_s
     return (damping_ratio / (2.0 * np.pi * cycles)) ** 0.5, (2.0 * np.pi * damping_ratio * cycles) ** -0.5
-
-
-def direction(fit: Fit, mode: int) -> FloatArray:
-    """Unit vector (p,) of the coordinates along which a mode moves most."""
-    _, _, Vt = np.linalg.svd(fit.coefficients[2 * mode : 2 * mode + 2], full_matrices=False)
-    return Vt[0]
 
 
 def turning(time_s: FloatArray, first_hz: float, step_hz: float, count: int) -> FloatArray:
@@ -109,10 +103,11 @@ def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
     waves = waves[:, np.abs(steps) > 1]
     spanned = np.sum((waves @ fit.orthonormal) ** 2, axis=(0, 2))
     pulled = waves @ fit.tangent[:, own]
-    inverse = np.linalg.pinv(fit.span.gram[own, own], hermitian=True)
+    values, vectors = np.linalg.eigh(fit.span.gram[own, own])
+    pulled = (pulled @ vectors) / np.sqrt(np.where(values > _ROUNDING * values[-1], values, np.inf))
     left_of_all = np.maximum(len(time_s) - spanned, 0.0)
-    left_of_own = np.maximum(left_of_all - np.sum((pulled @ inverse) * pulled, axis=(0, 2)), 0.0)
-    return Beside(waves, left_of_all, left_of_own, direction(fit, mode))
+    left_of_own = np.maximum(left_of_all - np.sum(pulled**2, axis=(0, 2)), 0.0)
+    return Beside(waves, left_of_all, left_of_own, fit.directions[mode])
 
 
 def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = None) -> FloatArray:
@@ -137,7 +132,7 @@ def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
     The band is the mode's own width, at least 3 / T to either side: a frequency that wanders leaves its
     energy there.
     """
-    along = direction(fit, mode)
+    along = fit.directions[mode]
     s = complex(fit.poles[mode])
     half = max(3.0 / float(time_s[-1]), abs(s.real) / np.pi)
     waves = turning(time_s, s.imag / (2.0 * np.pi) - half, half / _HALF_BAND, 2 * _HALF_BAND + 1)
@@ -153,7 +148,7 @@ def departure(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
     As a share of the mode's amplitude at the start, and in standard deviations of white noise of unit variance. A wing
     that is stopped, struck or held inside the record leaves its mark in one stretch, where an average would hide it.
     """
-    along = direction(fit, mode)
+    along = fit.directions[mode]
     s = complex(fit.poles[mode])
     amplitude = float(np.hypot(*(fit.coefficients[2 * mode : 2 * mode + 2] @ along)))
     turned = (fit.residual @ along) * np.exp(-1j * s.imag * time_s)
