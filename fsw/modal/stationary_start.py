@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from fsw.modal.stationary_envelope import envelope
+from fsw.modal.stationary_envelope import envelope, woodbury
 from fsw.modal.stationary_likelihood import band_of, half_band_hz
 
 FloatArray = NDArray[np.float64]
@@ -21,7 +21,6 @@ FloatArray = NDArray[np.float64]
 _DECAYS, _RATIOS = np.exp([-0.5, 0.3, 1.1, 1.9, 2.7]), np.exp([-0.5, 0.5, 2.0, 4.0])
 # Chance that the modes of a stationary response, or one of them, gain so much by a blow.
 _CHANCE = 3e-4
-_SIGNS = np.diag([-1.0, 1.0])
 
 
 def start_gain(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_ratio: float, noise: float) -> float:
@@ -29,30 +28,31 @@ def start_gain(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_
 
     signal (T,) in which the mode stands alone; noise: variance of the noise in a Fourier coefficient over that of the
     mode's envelope, as for drift_profile. Amplitude and phase of the free decay are what is most likely, and so are the
-    decay rate and the noise, with it and without. The covariance diag(d) - a a^T + b b^T of the response is inverted by
-    Woodbury's identity; the coefficients of a free decay from the start on are along a + i b.
+    decay rate and the noise, with it and without. A free decay from the start on has coefficients along a + i b, where
+    the covariance of the response is diag(d) - a a^T + b b^T.
     """
     reach_hz = half_band_hz(frequency_hz, damping_ratio, len(signal) / rate_hz)
     band = band_of(signal[:, None], rate_hz, frequency_hz - reach_hz, frequency_hz + reach_hz)
-    y = band.coefficients[:, :, 0].T
+    y = band.coefficients[:, :, 0]  # of a record in pieces the first one holds the start
+    pieces, values = len(y), y.size
     stationary = struck = -np.inf
     for decay_rate in 2.0 * np.pi * frequency_hz * damping_ratio * _DECAYS:
-        d, a, b = envelope(band.frequency_hz, frequency_hz, decay_rate, band.duration_s, False)[0]
-        ends = np.stack([a, b], axis=1)
-        for ratio in noise * _RATIOS:
-            weight = 1.0 / (d + ratio)
-            weighted = weight[:, None] * ends
-            gram = ends.T @ weighted
-            inverse = np.linalg.inv(gram + _SIGNS)
-            whitened = weight[:, None] * y - weighted @ (inverse @ (weighted.T @ y))
-            square = float(np.sum((y.conj() * whitened).real))
-            met = ends.T @ whitened[:, 0]
-            explained = abs(met[0] - 1j * met[1]) ** 2 / float(np.trace(gram - gram @ inverse @ gram))
-            # Of a record in pieces the first one holds the start.
-            volume = y.shape[1] * float(np.sum(np.log(weight)) + np.log(abs(np.linalg.det(inverse))))
-            stationary = max(stationary, volume - y.size * np.log(square))
-            struck = max(struck, volume - y.size * np.log(max(square - explained, 1e-12 * square)))
-    return float(2.0 * (struck - stationary))
+        parts = envelope(band.frequency_hz, frequency_hz, decay_rate, band.duration_s, False)[0]
+        met = np.concatenate([parts[1] * y, parts[2] * y])
+        others = np.vstack([np.sum(y.real**2 + y.imag**2, axis=0), met.real, met.imag]).T
+        _, logarithm, products = woodbury(parts, noise * _RATIOS, others)
+        a, b, mixed = products[:, 0], products[:, 1], products[:, 2]
+        determinant = (a * b - mixed**2)[:, None]
+        by_a, by_b = np.split(products[:, 4 : 4 + 2 * pieces] + 1j * products[:, 4 + 2 * pieces :], 2, axis=1)
+        # The inverse of the ends' two by two, times what they meet of the coefficients.
+        of_a = (b[:, None] * by_a - mixed[:, None] * by_b) / determinant
+        of_b = (a[:, None] * by_b - mixed[:, None] * by_a) / determinant
+        square = products[:, 3] - np.sum((by_a.conj() * of_a + by_b.conj() * of_b).real, axis=1)
+        explained = np.abs(of_a[:, 0] + 1j * of_b[:, 0]) ** 2 / (-(a + b) / determinant[:, 0])
+        left = np.maximum(square - explained, 1e-12 * square)
+        stationary = max(stationary, float(np.max(-pieces * logarithm - values * np.log(square))))
+        struck = max(struck, float(np.max(-pieces * logarithm - values * np.log(left))))
+    return 2.0 * (struck - stationary)
 
 
 def begin_with_a_blow(gains: Sequence[float]) -> bool:
