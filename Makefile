@@ -16,7 +16,8 @@ demo: $(VENV)/ready
 
 setup: $(VENV)/ready
 
-test: lint coverage check
+# The checks go first: kernels compile slowly while coverage is measured.
+test: lint check coverage
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check $(ROOMS)

@@ -72,12 +72,12 @@ def measure_cells(
 
     expected_px (N, 4, 2): ideal pixels, right to about the blur. deviation_px (N, 4, 2): what of them is measured, and
     so has noise that perspective must not be read from. wanted (N,): cells to look for. order (N,): in which they are
-    taken; cells side by side share what the cache holds. line_ratio (N, 4): width of
-    the line across each side over the cell's extent across that side, on the wing (at a border: the panel's usual
-    line). bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the widths along X and Y.
-    stride: take every so many columns of a side. Results go to `out`. One hidden side (out of view, or under a glint)
-    is put where its opposite and the cell's size say, with a wider variance; with two, the cell is not found. size
-    (2, 2): of the cells, see `standing_in`; brought up to date.
+    taken; cells side by side share what the cache holds. line_ratio (N, 4): width of the line across each side over the
+    cell's extent across that side, on the wing (at a border: the panel's usual line). bordering (N, 4): whether no cell
+    lies across. width_scale (2,): correction of the widths along X and Y. stride: take every so many columns of a side.
+    Results go to `out`. One hidden side (out of view, or under a glint) is put where its opposite and the cell's size
+    say, with a wider variance; with two, the cell is not found. size (2, 2): of the cells, see `standing_in`; brought
+    up to date.
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
