@@ -31,6 +31,7 @@ def _replace(tracker: Tracker, eye: int, image_px: FloatArray) -> None:
     """Give centres (K, 2), in image pixels, to the cells that they are nearest to."""
     cells = tracker.cells[eye]
     cells.found[:] = cells.whole[:] = False
+    cells.paired[:] = False  # a blob has no sides whose distance would tell its size
     if len(image_px) == 0:
         return
     ideal = tracker.rig.undistort(eye, image_px)
