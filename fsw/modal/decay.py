@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from fsw.modal.refinement import Fit, project, refined, significance
 from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
 from fsw.modal.uncertainty import noise_beside
+from fsw.modal.weighting import ROUNDING, whitening
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -31,8 +33,6 @@ _SAMPLES_OF_A_MODE = 6
 _FALSE_ALARM = 1e-9
 # Coordinates with so much more power than the quietest are searched first, but so many at least.
 _LOUD, _LEAST_LOUD = 2.0, 4
-# Noise is never finer than rounding of the signals, as a share of them.
-_ROUNDING = 1e-9
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
@@ -40,12 +40,24 @@ _SAME_SHAPE = 0.9
 
 @dataclass(frozen=True)
 class Decay:
-    """A fitted decay in whitened coordinates, with each mode's amplitude coherence and singular value."""
+    """A fitted decay in whitened coordinates, with each mode's amplitude coherence and singular value.
+
+    coupled: coordinates whose noise is weighed together.
+    """
 
     fit: Fit
+    coupled: int
     coherence: FloatArray
     singular_value: FloatArray
     diagram: list[Pole]
+
+
+class Settled(NamedTuple):
+    """A fit, its modes as they were found, and how many coordinates its whitening couples."""
+
+    fit: Fit
+    known: list[Candidate]
+    coupled: int
 
 
 def find_decay(
@@ -58,11 +70,11 @@ def find_decay(
     """
     degree = options.drift_degree
     most = min(options.most_modes, (len(time_s) - degree) // _SAMPLES_OF_A_MODE)
-    known: list[Candidate] = []
     diagram: list[Pole] = []
     # At first the fit is the drift alone, of signals as they are: the whitening is known once modes are.
-    fit = project(time_s, signals, np.zeros(0, np.complex128), degree)
+    settled = Settled(project(time_s, signals, np.zeros(0, np.complex128), degree), [], 1)
     for _ in range(_PASSES):
+        fit, known, _coupled = settled
         left = even_grid(time_s, fit.residual, rate_hz)
         if known and not may_hold_a_mode(left, fit, _least_statistic(left.shape[1])):
             break
@@ -73,14 +85,14 @@ def find_decay(
         fresh = fresh[: max(most - len(known), 0)]
         if not fresh:
             break
-        before = len(known)
-        fit, known = _settle(time_s, signals, fit, known, fresh)
-        if len(known) <= before:
+        settled = _settle(time_s, signals, settled, fresh)
+        if len(settled.known) <= len(known):
             break
     return Decay(
-        fit,
-        np.array([c.pole.coherence for c in known]),
-        np.array([c.pole.singular_value for c in known]),
+        settled.fit,
+        settled.coupled,
+        np.array([c.pole.coherence for c in settled.known]),
+        np.array([c.pole.singular_value for c in settled.known]),
         diagram,
     )
 
@@ -95,20 +107,19 @@ def _loud(signals: FloatArray) -> NDArray[np.int64]:
     return np.sort(loud[: max(count, _LEAST_LOUD)])
 
 
-def _settle(
-    time_s: FloatArray, signals: FloatArray, settled: Fit, known: list[Candidate], fresh: list[Candidate]
-) -> tuple[Fit, list[Candidate]]:
+def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: list[Candidate]) -> Settled:
     """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well.
 
-    settled: the fit with the modes known so far. It is given back if no fresh one is needed.
+    settled: with the modes known so far. It is given back if no fresh one is needed.
     """
-    before, known = known, [*known, *fresh]
-    span = settled.span.of(np.concatenate([settled.poles, [c.pole.s for c in fresh]]))
+    before, known = settled.known, [*settled.known, *fresh]
+    span = settled.fit.span.of(np.concatenate([settled.fit.poles, [c.pole.s for c in fresh]]))
     searched = False
     rounds = 0
-    least = _ROUNDING**2 * float(np.max(signals.var(axis=0))) + 1e-300
+    least = ROUNDING**2 * float(np.max(signals.var(axis=0))) + 1e-300
     while True:
-        whitened = signals @ _whitening(span.fit(signals), least)
+        weights, coupled = whitening(span.fit(signals), least)
+        whitened = signals @ weights
         fit = span.fit(whitened)
         fit = refined(fit, whitened) if searched else fit
         drop = _least_needed(time_s, fit)
@@ -116,21 +127,13 @@ def _settle(
             keep = np.arange(len(fit.poles)) != drop
             known = [c for c, k in zip(known, keep, strict=True) if k]
             if before and not searched and [id(c) for c in known] == [id(c) for c in before]:
-                return settled, before
+                return settled
             span = fit.span.of(fit.poles[keep])
         else:
             if rounds == _REFINEMENTS or (len(fit.poles) == 0 and searched):
-                return fit, known
+                return Settled(fit, known, coupled)
             rounds += int(searched)
             searched, span = True, fit.span
-
-
-def _whitening(fit: Fit, least: float) -> FloatArray:
-    """Symmetric inverse root (p, p) of the residual's covariance, of which no direction has less than the least."""
-    count, width = fit.residual.shape
-    freedom = max(count - len(fit.triangle) - 2 * len(fit.poles) / width, 1.0)
-    values, vectors = np.linalg.eigh(fit.residual.T @ fit.residual / freedom)
-    return (vectors / np.sqrt(np.maximum(values, least))) @ vectors.T
 
 
 def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:

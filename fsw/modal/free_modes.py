@@ -32,8 +32,8 @@ from fsw.modal.uncertainty import (
     frequency_change,
     modal_sigmas,
     noise_beside,
-    weighting_loss,
 )
+from fsw.modal.weighting import weighting_loss
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -57,7 +57,7 @@ def identify_decay(
     fit = decay.fit
     count = len(fit.poles)
     frequency_hz, damping = np.abs(fit.poles) / (2.0 * np.pi), -fit.poles.real / np.abs(fit.poles)
-    loss = weighting_loss(len(time_s) - len(fit.triangle), fit.residual.shape[1])
+    loss = weighting_loss(len(time_s) - len(fit.triangle), decay.coupled)
     around = [beside(time_s, fit, j) for j in range(count)]
     noise = np.array([there.power(fit.residual) for there in around])
     sigmas = modal_sigmas(fit.poles, fit.information, loss * noise)

@@ -116,16 +116,6 @@ def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = Non
     return np.array([beside(time_s, fit, j).power(fit.residual) for j in chosen])
 
 
-def weighting_loss(samples: float, coordinates: int) -> float:
-    """Factor of a variance that was computed with weights from the same noise: n^2 / ((n - p) (n - p - 1)).
-
-    The inverse of a covariance (p, p) estimated from n samples is too large by n / (n - p - 1) in the mean, and
-    estimates weighted with it scatter n / (n - p) more than with the true one. Source: inverse Wishart distribution.
-    """
-    free = max(samples - coordinates, 2.0)
-    return samples**2 / (free * (free - 1.0)) if samples > coordinates + 2.0 else np.inf
-
-
 def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
     """Share of the energy about a mode's frequency that its damped sinusoid explains, 0 to 1.
 
