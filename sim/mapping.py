@@ -11,9 +11,8 @@ from wingbeat.kernels import kernel
 FloatArray = NDArray[np.float64]
 
 STEP_PX = 4  # spacing of the nodes: straight lines between them stay within 0.002 px of the true mapping, and
-CHORD = (
-    1.0 / 12.0
-)  # of what a curve turns by at a node: a straight line between nodes on it is off by so much on average
+# Of what a curve turns by at a node: a straight line between nodes on it is off by so much on average.
+CHORD = 1.0 / 12.0
 NODE_X, NODE_Y, NODE_LIGHT, NODE_SHARP_X, NODE_SHARP_Y = range(5)  # what a node holds
 
 
