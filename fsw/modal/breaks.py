@@ -4,6 +4,7 @@ Known poles predict a free motion from a short window to the next sample, whatev
 prediction fails by far more than it does elsewhere.
 """
 
+from bisect import insort
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,16 +32,16 @@ def last_break(time_s: FloatArray, y: Channels, poles: Sequence[complex]) -> int
     length = WINDOW * (2 * len(poles) + 1)
     predicted = _prediction_errors(time_s, y, poles, length)
     start = 0
-    errors: list[float] = []
+    errors: list[float] = []  # in order of size
     i = length
     while i < len(time_s):
-        error = float(predicted[i - length])
-        if len(errors) >= LEAST_ERRORS and error > FAILED * float(np.median(errors)):
+        error, count = float(predicted[i - length]), len(errors)
+        if count >= LEAST_ERRORS and error > FAILED * 0.5 * (errors[(count - 1) // 2] + errors[count // 2]):
             start, errors = i, []
             i += length
             continue
         if np.isfinite(error):
-            errors.append(error)
+            insort(errors, error)
         i += 1
     return start
 

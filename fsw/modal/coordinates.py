@@ -6,16 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from fsw.modal.channels import Channels, Scaled, chosen, power
+from fsw.modal.channels import Channels, Scaled, chosen, power, transposed_times
 from fsw.modal.gaps import fill_in_time, fill_through
-from fsw.modal.subspace import Subspace, leading_singular
+from fsw.modal.subspace import Subspace, leading_singular, orthonormal
 
 FloatArray = NDArray[np.float64]
 
 # Directions in each round of filling gaps: the strong ones first, for weak ones would learn the guess's errors.
 _FILLING = (1, 2, 4, 8)
-# Rounds of estimating each channel's own noise and projecting again; a third changes nothing.
-_ROUNDS = 2
 # A channel counts if this share of its samples is there, and a tick if this share of the channels is.
 _LEAST_SHARE = 0.5
 # Half-band filter of the octaves: flat to 0.2 of the rate, silent above 0.3.
@@ -77,60 +75,84 @@ def principal_coordinates(
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
     # out.
     kept = complete if live.sum() <= count and complete.mean() > 0.7 else share > _LEAST_SHARE
-    stamps, present = time_s[kept], present[np.ix_(kept, live)]
+    stamps, present = time_s[kept], chosen(present, kept, live, overwrite=True)
     y = chosen(y, kept, live, overwrite)
     if y.size == 0 or len(stamps) < 2:
         none = np.zeros((len(stamps), 0))
         return Coordinates(stamps, none, none[:0], none, live & False, kept, 0.0)
     stamps = stamps - stamps[0]
-    fill_in_time(stamps, y, present)
+    gaps = np.flatnonzero(~present).astype(np.int32)
+    if len(gaps):
+        fill_in_time(stamps, y, present)
+    del present
     y -= y.mean(axis=0, dtype=np.float64)
     if y.shape[1] <= count:
         scale = y.std(axis=0, dtype=np.float64)
         signals, basis, subspace = y / scale, np.diag(scale), None
     else:
         known = known.of(live) if known is not None and known.live[live].all() else None
-        signals, V, scale = _project(y, present, count, known)
+        signals, V, scale = _project(y, gaps, count, known)
         basis, subspace = V * scale[:, None], Subspace(live, V, scale)
     return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps), subspace)
 
 
 def _project(
-    y: Channels, present: NDArray[np.bool_], count: int, known: Subspace | None
+    y: Channels, gaps: NDArray[np.int32], count: int, known: Subspace | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Signals (T, p), directions (L, p) and scale (L,) by principal components of channels of equal noise.
 
-    Fills the gaps of y.
+    Fills the gaps of y. Passes over all channels are what costs: each round makes two, and the one that tells the noise
+    begins the next round's iteration.
     """
-    overall = max(float(np.sqrt(np.mean(power(y)) / len(y))), 1e-300)
-    gaps = not bool(present.all())
-    filling: list[int] = []
+    energy = power(y)
+    overall = max(float(np.sqrt(np.mean(energy) / len(y))), 1e-300)
+    ranks = [count]
     if known is None:
         start, scale = None, np.full(y.shape[1], overall)
-        filling = [rank for rank in _FILLING if rank < count] if gaps else []
+        ranks = [*(rank for rank in _FILLING if rank < count and len(gaps)), count]
     else:
-        start, scale = known.start(count), known.scale
-        if gaps:
-            V = np.ascontiguousarray(known.directions[:, :count])
-            fill_through(Scaled(y, scale), present, Scaled(y, scale).times(V), V)
-    for rank in [*filling, *[count] * _ROUNDS]:
-        scaled = Scaled(y, scale)
-        start = leading_singular(scaled, count, start)[2].T
-        V = np.ascontiguousarray(start[:, :rank])
-        signals = scaled.times(V)
-        if gaps:
-            fill_through(scaled, present, signals, V)
-        noise = scale * np.sqrt(_mean_square_left(scaled, signals, V))
-        used = scale
+        start, scale = _begin(y, gaps, count, known), known.scale
+    for rank in ranks:
+        left, signals, V = _fitted(Scaled(y, scale), gaps, rank, count, start)
+        energy = power(y) if len(gaps) else energy
+        seen = transposed_times(y, np.hstack([signals, left[:, rank:]]))
+        noise = np.sqrt(_mean_square_left(energy, seen[:, :rank], signals, V * scale[:, None]))
         # No channel may claim to be much better than the others: the fit would chase it.
         scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
-    return signals, V, used
+        start = seen / scale[:, None]
+    _, signals, V = _fitted(Scaled(y, scale), gaps, count, count, start)
+    return signals, V, scale
 
 
-def _mean_square_left(scaled: Scaled, signals: FloatArray, V: FloatArray) -> FloatArray:
-    """Mean square (L,) of scaled channels - signals V^T, from products: no array of their size is made for it."""
-    left = power(scaled.y) / scaled.scale**2 - 2.0 * np.sum(scaled.transposed_times(signals) * V, axis=1)
-    return np.maximum(left + np.sum((V @ (signals.T @ signals)) * V, axis=1), 0.0) / len(signals)
+def _fitted(
+    scaled: Scaled, gaps: NDArray[np.int32], rank: int, count: int, start: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Left singular vectors (T, k), of them rank signals (T, rank), and directions (L, rank); fills the gaps."""
+    U, s, Vt = leading_singular(scaled, count, start)
+    signals, V = (np.ascontiguousarray(part) for part in (U[:, :rank] * s[:rank], Vt[:rank].T))
+    if len(gaps):
+        fill_through(scaled, gaps, signals, V)
+    return U, signals, V
+
+
+def _begin(y: Channels, gaps: NDArray[np.int32], count: int, known: Subspace) -> FloatArray:
+    """Vectors (L, k) to begin with, from what is known; fills the gaps of y."""
+    scaled, start = Scaled(y, known.scale), known.start(count)
+    seen = scaled.times(start)
+    if len(gaps):
+        V = np.ascontiguousarray(known.directions[:, :count])
+        fill_through(scaled, gaps, signals := seen[:, : V.shape[1]].copy(), V)
+        seen[:, : V.shape[1]] = signals
+    return scaled.transposed_times(orthonormal(seen))
+
+
+def _mean_square_left(energy: FloatArray, seen: FloatArray, signals: FloatArray, basis: FloatArray) -> FloatArray:
+    """Mean square (L,) of channels - signals basis^T, from products: no array of their size is made for it.
+
+    energy (L,), seen (L, p): products of the channels with themselves and with the signals.
+    """
+    left = energy - 2.0 * np.sum(seen * basis, axis=1) + np.sum((basis @ (signals.T @ signals)) * basis, axis=1)
+    return np.maximum(left, 0.0) / len(signals)
 
 
 def even_grid(stamps: FloatArray, signals: FloatArray, rate_hz: float) -> FloatArray:

@@ -20,21 +20,20 @@ def fill_in_time(stamps: FloatArray, y: Channels, present: NDArray[np.bool_]) ->
     _interpolate(stamps, y, present, np.full(y.shape[1], -1, np.int64))
 
 
-def fill_through(scaled: Scaled, present: NDArray[np.bool_], signals: FloatArray, V: FloatArray) -> None:
+def fill_through(scaled: Scaled, gaps: NDArray[np.int32], signals: FloatArray, V: FloatArray) -> None:
     """Fill the gaps of scaled.y through its signals (T, r) = scaled V, which are corrected as well.
 
-    present (T, L); V (L, r) orthonormal.
+    gaps (G,): places in scaled.y (T, L), counted tick by tick, where no sample is; V (L, r) orthonormal.
     Least squares on the channels that are there, tick by tick: (V^T W V) da = V^T W (y - V a). A direction that only
     missing channels could tell keeps its value from the fill before.
     """
-    y, basis = scaled.y, V * scaled.scale[:, None]
-    _correct(y, present, scaled.scale, V, signals)
+    basis = V * scaled.scale[:, None]
+    _correct(scaled.y, gaps, scaled.scale, V, signals)
     # Each channel's mean was taken with the guess in its gaps: what is there says how far it is off, and a channel
     # that is off would step at the ends of its gaps.
-    wrong = y.sum(axis=0, dtype=np.float64) - basis @ signals.sum(axis=0)
-    _take_out_gaps(y, present, basis, signals, wrong)
-    y -= wrong / np.maximum(present.sum(axis=0), 1)
-    _put_in(y, present, basis, signals)
+    wrong = -(basis @ signals.sum(axis=0))
+    _take_out_mean(scaled.y, gaps, basis, signals, wrong)
+    _put_in(scaled.y, gaps, basis, signals)
 
 
 @kernel
@@ -58,27 +57,29 @@ def _interpolate(stamps: FloatArray, y: Channels, present: NDArray[np.bool_], la
 
 
 @kernel
-def _correct(y: Channels, present: NDArray[np.bool_], scale: FloatArray, V: FloatArray, signals: FloatArray) -> None:
+def _correct(y: Channels, gaps: NDArray[np.int32], scale: FloatArray, V: FloatArray, signals: FloatArray) -> None:
     """Add da to the signals. V is orthonormal and a = V^T y: so V^T W V is 1 less what the gaps take from it, and what
     is there pulls by what the gaps do not.
     """
-    rank = V.shape[1]
+    width, rank = V.shape
     A, b = np.empty((rank, rank)), np.empty(rank)
-    for t in range(len(y)):
+    i = 0
+    while i < len(gaps):
+        t = gaps[i] // width
         b[:] = 0.0
         A[:] = 0.0
         for k in range(rank):
             A[k, k] = 1.0 + _UNTOLD
-        for c in range(len(V)):
-            if present[t, c]:
-                continue
+        while i < len(gaps) and gaps[i] // width == t:
+            c = gaps[i] % width
             wrong = y[t, c] / scale[c]
             for k in range(rank):
                 wrong -= V[c, k] * signals[t, k]
             for k in range(rank):
                 b[k] -= V[c, k] * wrong
-                for i in range(k + 1):
-                    A[k, i] -= V[c, k] * V[c, i]
+                for j in range(k + 1):
+                    A[k, j] -= V[c, k] * V[c, j]
+            i += 1
         _solve(A, b)
         for k in range(rank):
             signals[t, k] += b[k]
@@ -104,26 +105,35 @@ def _solve(A: FloatArray, b: FloatArray) -> None:
 
 
 @kernel
-def _take_out_gaps(
-    y: Channels, present: NDArray[np.bool_], basis: FloatArray, signals: FloatArray, wrong: FloatArray
+def _take_out_mean(
+    y: Channels, gaps: NDArray[np.int32], basis: FloatArray, signals: FloatArray, wrong: FloatArray
 ) -> None:  # fmt: skip
-    """Take from the sums (L,) of y - signals basis^T what is in the gaps."""
-    for t in range(len(y)):
-        for c in range(len(basis)):
-            if not present[t, c]:
-                value = np.float64(y[t, c])
-                for k in range(basis.shape[1]):
-                    value -= basis[c, k] * signals[t, k]
-                wrong[c] -= value
+    """Take from y the mean of y - signals basis^T where samples are. wrong (L,): less the sums of signals basis^T."""
+    count, width = y.shape
+    samples = np.full(width, count)
+    for t in range(count):
+        for c in range(width):
+            wrong[c] += y[t, c]
+    for place in gaps:
+        t, c = place // width, place % width
+        value = np.float64(y[t, c])
+        for k in range(basis.shape[1]):
+            value -= basis[c, k] * signals[t, k]
+        wrong[c] -= value
+        samples[c] -= 1
+    for c in range(width):
+        wrong[c] /= max(samples[c], 1)
+    for t in range(count):
+        for c in range(width):
+            y[t, c] -= wrong[c]
 
 
 @kernel
-def _put_in(y: Channels, present: NDArray[np.bool_], basis: FloatArray, signals: FloatArray) -> None:
+def _put_in(y: Channels, gaps: NDArray[np.int32], basis: FloatArray, signals: FloatArray) -> None:
     """Gaps of y become signals basis^T."""
-    for t in range(len(y)):
-        for c in range(len(basis)):
-            if not present[t, c]:
-                value = 0.0
-                for k in range(basis.shape[1]):
-                    value += basis[c, k] * signals[t, k]
-                y[t, c] = value
+    for place in gaps:
+        t, c = place // len(basis), place % len(basis)
+        value = 0.0
+        for k in range(basis.shape[1]):
+            value += basis[c, k] * signals[t, k]
+        y[t, c] = value

@@ -97,16 +97,18 @@ def leading_singular(
     """Leading singular vectors and values U (M, k), s (k,), V^T (k, N) of a matrix, k >= count where there are as many.
 
     A large matrix is met by subspace iteration of a fixed number of rounds from a fixed start; what is of exact rank up
-    to count comes out exactly. start (N, k): right vectors of a matrix much like it, which save a round. Source: Halko,
-    Martinsson and Tropp, 2011, with chirps instead of random vectors.
+    to count comes out exactly. start (N, k): what the transpose made of left vectors of a matrix much like it, with
+    which the rounds are done. Source: Halko, Martinsson and Tropp, 2011, with chirps instead of random vectors.
     """
     width = count + _OVERSAMPLING
     if min(H.shape) <= 2 * width:
         return _svd(H.dense())
-    Q = _chirps(H.shape[1], width) if start is None else start
-    for _ in range(_ROUNDS if start is None else 1):
-        Q = _orthonormal(H.times(Q))
-        Q = _orthonormal(H.transposed_times(Q))
+    if start is None:
+        Q = _chirps(H.shape[1], width)
+        for _ in range(_ROUNDS):
+            Q = orthonormal(H.transposed_times(orthonormal(H.times(Q))))
+    else:
+        Q = orthonormal(start)
     U, s, W = _svd(H.times(Q))
     return U, s, W @ Q.T
 
@@ -117,7 +119,7 @@ def _chirps(length: int, count: int) -> FloatArray:
     return np.cos(np.pi * i**2 * (2.0 * np.arange(count) + 1.0) / (2.0 * length))
 
 
-def _orthonormal(A: FloatArray) -> FloatArray:
+def orthonormal(A: FloatArray) -> FloatArray:
     """Orthonormal columns (M, k) that span those of A. LAPACK itself: what is wrapped round it costs as much."""
     factored, tau, *_ = dgeqrf(A)
     return np.asarray(dorgqr(factored, tau)[0])

@@ -108,7 +108,8 @@ class Identify:
         if time_ns[-1] < self._since_ns:  # the clock went back
             self._since_ns = LONG_AGO_NS
         # A tick without a pair, or before the lock, says nothing against a cell.
-        ticks = np.isfinite(xyz[:, :, 0]).any(axis=1) & (time_ns >= self._since_ns)
+        measured = np.isfinite(xyz[:, :, 0])
+        ticks = measured.any(axis=1) & (time_ns >= self._since_ns)
         if np.count_nonzero(ticks) < self._table.least_ticks:
             return None
         if start := self._break(time_ns, xyz, np.flatnonzero(ticks)):
@@ -118,7 +119,7 @@ class Identify:
         if start and len(time_ns) < self._table.least_ticks:
             extent = Record(float(time_ns[-1] - time_ns[0]) * 1e-9, len(time_ns), NAN)
             return ModalResult([], ["short_record"], extent, "decay")
-        self._cells = cells_to_use(np.isfinite(xyz[ticks, :, 0]))
+        self._cells = cells_to_use(measured[ticks])
         if len(self._cells) == 0:
             return None
         channels = np.repeat(np.isin(np.arange(xyz.shape[1]), self._cells), xyz.shape[2])
@@ -193,11 +194,9 @@ def cells_to_use(measured: NDArray[np.bool_]) -> NDArray[np.int64]:
     never hidden for long. A long gap is filled from the other cells, and worst where all of one end was hidden.
     """
     often = measured.mean(axis=0) >= LEAST_SHARE
-    gap, longest = np.zeros(measured.shape[1], np.int64), np.zeros(measured.shape[1], np.int64)
-    for row in measured:
-        gap = np.where(row, 0, gap + 1)
-        np.maximum(longest, gap, out=longest)
-    whole = often & (longest <= LONG_GAP_TICKS)
+    tick = np.arange(len(measured), dtype=np.int32)[:, None]
+    seen_last = np.maximum.accumulate(np.where(measured, tick, np.int32(-1)), axis=0)
+    whole = often & (np.max(tick - seen_last, axis=0) <= LONG_GAP_TICKS)
     return np.flatnonzero(whole if whole.sum() >= LEAST_WHOLE * often.sum() else often)
 
 
