@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
@@ -12,7 +13,7 @@ from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import even_grid
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.refinement import Fit, project, refined, significance
+from fsw.modal.refinement import Fit, moved, project, refined, significance
 from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
 from fsw.modal.uncertainty import noise_beside
@@ -25,8 +26,9 @@ ComplexArray = NDArray[np.complex128]
 LEAST_SAMPLES = 24
 # Looks at the residual. Each can only add modes that the likelihood asks for.
 _PASSES = 4
-# Rounds of refining poles and noise in turn; the poles move by far less than their sigmas after the second.
-_REFINEMENTS = 3
+# Most rounds of refining poles and noise in turn, beyond the first. Each moves the poles by the same small share of
+# what the one before did: they stand once the next would move them by less than so many of their deviations.
+_REFINEMENTS, _STANDING = 3, 0.01
 # A mode takes two unknowns of each coordinate and two of its own: no more modes than the samples can tell.
 _SAMPLES_OF_A_MODE = 6
 # Chance that noise alone passes for a mode, before the search over frequencies.
@@ -115,13 +117,14 @@ def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: li
     before, known = settled.known, [*settled.known, *fresh]
     span = settled.fit.span.of(np.concatenate([settled.fit.poles, [c.pole.s for c in fresh]]))
     searched = False
-    rounds = 0
+    rounds, step = 0, 0.0
     least = ROUNDING**2 * float(np.max(signals.var(axis=0))) + 1e-300
     while True:
         weights, coupled = whitening(span.fit(signals), least)
         whitened = signals @ weights
-        fit = span.fit(whitened)
-        fit = refined(fit, whitened) if searched else fit
+        start = span.fit(whitened)
+        fit = refined(start, whitened) if searched else start
+        last, step = step, moved(fit, start)
         drop = _least_needed(time_s, fit)
         if drop is not None:
             keep = np.arange(len(fit.poles)) != drop
@@ -130,7 +133,8 @@ def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: li
                 return settled
             span = fit.span.of(fit.poles[keep])
         else:
-            if rounds == _REFINEMENTS or (len(fit.poles) == 0 and searched):
+            standing = step**2 < _STANDING * last
+            if rounds == _REFINEMENTS or (searched and (standing or len(fit.poles) == 0)):
                 return Settled(fit, known, coupled)
             rounds += int(searched)
             searched, span = True, fit.span
@@ -159,7 +163,8 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
 
 def _loudest(residual: FloatArray) -> float:
     """More than noise_beside can say of any mode: what is stronger than this needs no closer look."""
-    power = np.sum(np.abs(np.fft.rfft(residual, axis=0)) ** 2, axis=1)
+    spectrum = scipy.fft.rfft(residual, axis=0)
+    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
     return 10.0 * float(np.max(power)) / len(residual)
 
 

@@ -95,7 +95,8 @@ def identify_decay(
     modes = doubted(modes)
     falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
     signals = coordinates.signals[start:]
-    is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, options.drift_degree, coherence, falling)
+    shares = np.array([share for share, _ in departures])
+    is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, coherence, shares, falling)
     return modes, decay.diagram, is_decay
 
 
@@ -124,13 +125,20 @@ def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_d
         return agrees
     early = refine(time_s[:part], signals[:part], fit.poles, drift_degree)
     frequency_hz, damping = np.abs(early.poles) / (2.0 * np.pi), -early.poles.real / np.abs(early.poles)
-    sigmas = modal_sigmas(early.poles, early.information, noise_beside(time_s[:part], early))
-    off_hz = np.abs(frequency_hz - np.abs(fit.poles) / (2.0 * np.pi))
-    off_damping = np.abs(damping + fit.poles.real / np.abs(fit.poles))
-    for j, f in enumerate(frequency_hz):
-        if f * time_s[part - 1] >= EARLY_CYCLES:
-            off, sigma = (float(off_hz[j]), float(off_damping[j])), (float(sigmas[j, 0]), float(sigmas[j, 1]))
-            agrees[j] = not differs(off, sigma, float(f), float(damping[j]))
+    off = np.stack(
+        [
+            np.abs(frequency_hz - np.abs(fit.poles) / (2.0 * np.pi)),
+            np.abs(damping + fit.poles.real / np.abs(fit.poles)),
+        ],
+        axis=1,
+    )
+    matters = [differs(off[j], np.zeros(2), f, damping[j]) for j, f in enumerate(frequency_hz)]
+    judged = np.flatnonzero(matters & (frequency_hz * time_s[part - 1] >= EARLY_CYCLES))
+    if len(judged):
+        noise = np.ones(len(agrees))
+        noise[judged] = noise_beside(time_s[:part], early, judged.tolist())
+        sigmas = modal_sigmas(early.poles, early.information, noise)
+        agrees[judged] = [not differs(off[j], sigmas[j], frequency_hz[j], damping[j]) for j in judged]
     return agrees
 
 

@@ -72,13 +72,14 @@ def _correct(y: Channels, gaps: NDArray[np.int32], scale: FloatArray, V: FloatAr
             A[k, k] = 1.0 + _UNTOLD
         while i < len(gaps) and gaps[i] // width == t:
             c = gaps[i] % width
-            wrong = y[t, c] / scale[c]
+            wrong, direction = y[t, c] / scale[c], V[c]
             for k in range(rank):
-                wrong -= V[c, k] * signals[t, k]
+                wrong -= direction[k] * signals[t, k]
             for k in range(rank):
-                b[k] -= V[c, k] * wrong
-                for j in range(k + 1):
-                    A[k, j] -= V[c, k] * V[c, j]
+                share, row = direction[k], A[k]
+                b[k] -= share * wrong
+                for j in range(rank):  # whole rows go several numbers at a time
+                    row[j] -= share * direction[j]
             i += 1
         _solve(A, b)
         for k in range(rank):

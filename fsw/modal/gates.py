@@ -110,11 +110,13 @@ def decay_flags(
     return flags
 
 
-def differs(off: tuple[float, float], sigma: tuple[float, float], frequency_hz: float, damping_ratio: float) -> bool:
-    """Whether two estimates of frequency and damping differ by more than matters and more than noise can feign."""
-    frequency = off[0] > max(EARLY_FREQUENCY * frequency_hz, EARLY_DEVIATIONS * sigma[0])
-    damping = off[1] > max(EARLY_DAMPING * abs(damping_ratio), EARLY_DEVIATIONS * sigma[1])
-    return frequency or damping
+def differs(off: FloatArray, sigma: FloatArray, frequency_hz: float, damping_ratio: float) -> bool:
+    """Whether two estimates of frequency and damping differ by more than matters and more than noise can feign.
+
+    off, sigma (2,): differences and deviations of frequency in Hz and of damping ratio.
+    """
+    matters = np.array([EARLY_FREQUENCY * frequency_hz, EARLY_DAMPING * abs(damping_ratio)])
+    return bool(np.any(off > np.fmax(matters, EARLY_DEVIATIONS * sigma)))
 
 
 def departs(share: float, deviations: float) -> bool:

@@ -10,7 +10,6 @@ from fsw.modal.realisation import continuous, poles_of_order, realise
 from fsw.modal.refinement import Fit, project
 from fsw.modal.remainder import tallest
 from fsw.modal.result import Options
-from fsw.modal.uncertainty import departure
 
 FloatArray = NDArray[np.float64]
 
@@ -68,30 +67,30 @@ def convincing(
     signals: FloatArray,
     rate_hz: float,
     fit: Fit,
-    drift_degree: int,
     coherence: FloatArray,
+    departure: FloatArray,
     falling: NDArray[np.bool_],
 ) -> bool:
     """Whether a record is a free decay: falling exponentials explain the modes that matter, and leave no peak like
     theirs.
 
-    signals (T, p) before whitening; coherence, falling (m,): the fit's share of the energy about each mode, and whether
-    it decays.
+    signals (T, p) before whitening; coherence, departure, falling (m,): the fit's share of the energy about each mode,
+    the share of its amplitude that it leaves in one stretch, and whether it decays.
     """
     modes = len(fit.poles)
     if modes == 0:
         return False
-    plain = project(time_s, signals, fit.poles, drift_degree)
-    moving = project(time_s, signals, fit.poles[:0], drift_degree).residual
+    plain = fit.span.fit(signals)
     parts = [plain.triangle[:, 2 * j : 2 * j + 2] @ plain.coefficients[2 * j : 2 * j + 2] for j in range(modes)]
     energy = np.array([float(np.sum(part**2)) for part in parts])
     matters = energy > _MATTERS * float(np.max(energy))
     if not np.all(coherence[matters] > _EXPLAINED) or not np.any(falling & matters):
         return False
+    moving = fit.span.of(fit.poles[:0]).fit(signals).residual
     left, whole = (even_grid(time_s, series, rate_hz) for series in (plain.residual, moving))
     hz = fit.poles.imag / (2.0 * np.pi)
     doubtful = bool(np.any(coherence[matters] < _WHOLE))
-    doubtful |= any(departure(time_s, fit, int(j))[0] > _TORN for j in np.flatnonzero(matters))
+    doubtful |= bool(np.any(departure[matters] > _TORN))
     many = float(np.max(hz)) * float(time_s[-1]) > _MANY_CYCLES
     if many and doubtful and _others_go_on(left, whole, hz, rate_hz):
         return False

@@ -11,14 +11,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgeqrf, dorgqr, dtrtri, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dorgqr, dposv, dtrtri, dtrtrs
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ITERATIONS = 25
-# Relative fall of the cost below which the search has arrived: of T p degrees of freedom, so much is far below one
-# standard deviation of any pole.
+# Relative fall of the cost that is not worth a step: of T p degrees of freedom, so much is far below one standard
+# deviation of any pole.
 ARRIVED = 1e-10
 
 
@@ -100,7 +100,7 @@ class Fit:
     @cached_property
     def cost(self) -> float:
         """Sum of squared residuals."""
-        return float(np.sum(self.residual**2))
+        return float(np.vdot(self.residual, self.residual))
 
 
 def drift_basis(time_s: FloatArray, degree: int) -> FloatArray:
@@ -150,7 +150,8 @@ def _information(gram: FloatArray, directions: FloatArray) -> FloatArray:
     count = len(directions)
     mode = np.repeat(np.arange(count // 2), 2)
     blocks = gram.reshape(count // 2, 2, count // 2, 2)[mode][:, :, mode]  # (k, 2, l, 2)
-    return np.einsum("klbp,lbp->kl", np.einsum("kap,kalb->klbp", directions, blocks), directions)
+    flat = directions.reshape(2 * count, -1)
+    return np.asarray(np.sum((flat @ flat.T).reshape(count, 2, count, 2) * blocks, axis=(1, 3)))
 
 
 def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:
@@ -175,7 +176,13 @@ def refined(fit: Fit, signals: FloatArray) -> Fit:
         pull = (fit.tangent.T @ fit.residual).reshape(len(poles), 2, -1).repeat(2, axis=0)
         gradient = np.sum(pole_directions(fit.coefficients, len(poles)) * pull, axis=(1, 2))
         scale = np.diag(fit.information) + 1e-300
-        step = np.linalg.lstsq(fit.information + damping * np.diag(scale), gradient, rcond=1e-14)[0]
+        normal = fit.information + damping * np.diag(scale)
+        _, step, failed = dposv(normal, gradient)
+        if failed:
+            step = np.linalg.lstsq(normal, gradient, rcond=1e-14)[0]
+        # The cost falls by this or, where the step is cut, by more.
+        if float(step @ gradient) <= ARRIVED * fit.cost:
+            break
         step *= min(1.0, longest / max(float(np.max(np.abs(step))), 1e-300))
         trial = fit.span.of(fit.poles + step[0::2] + 1j * step[1::2]).fit(signals)
         if np.isfinite(trial.cost) and trial.cost <= fit.cost:
@@ -188,6 +195,14 @@ def refined(fit: Fit, signals: FloatArray) -> Fit:
             if damping > 1e8:
                 break
     return fit
+
+
+def moved(fit: Fit, before: Fit) -> float:
+    """How far the poles of a fit are from those of one before, in their deviations; inf if their number has changed."""
+    if len(fit.poles) != len(before.poles):
+        return np.inf
+    step = (fit.poles - before.poles).view(np.float64)
+    return float(np.sqrt(max(float(step @ fit.information @ step), 0.0)))
 
 
 def significance(fit: Fit) -> FloatArray:

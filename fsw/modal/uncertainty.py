@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.refinement import Fit, pole_directions
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -57,13 +58,15 @@ def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tupl
     return (damping_ratio / (2.0 * np.pi * cycles)) ** 0.5, (2.0 * np.pi * damping_ratio * cycles) ** -0.5
 
 
+@kernel
 def turning(time_s: FloatArray, first_hz: float, step_hz: float, count: int) -> FloatArray:
     """Cosines and sines (2, count, T) at so many frequencies, evenly apart."""
     waves = np.empty((2, count, len(time_s)))
-    wave, turn = np.exp(2j * np.pi * np.array([[first_hz], [step_hz]]) * time_s)
-    for k in range(count):
-        waves[0, k], waves[1, k] = wave.real, wave.imag
-        wave *= turn
+    for t in range(len(time_s)):
+        wave, turn = np.exp(2j * np.pi * first_hz * time_s[t]), np.exp(2j * np.pi * step_hz * time_s[t])
+        for k in range(count):
+            waves[0, k, t], waves[1, k, t] = wave.real, wave.imag
+            wave *= turn
     return waves
 
 
