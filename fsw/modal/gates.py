@@ -47,14 +47,20 @@ COMBINATION_FREQUENCY = 0.003
 LEAST_RELATIVE_AMPLITUDE = 5e-3
 # Modes nearer than this many 1 / T stand apart by their shapes alone; nearer than so many deviations, not at all.
 PAIR_RESOLUTIONS = 2.0
-PAIR_DEVIATIONS = 4.0
+PAIR_DEVIATIONS = 3.0
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there: surely, or unless
-# the likelihood is sure of a decay; and one that is as likely as a mode, whatever it explains.
-CERTAIN_LINE_SHARE = 0.95
+# the likelihood is sure of a decay; and one that is as likely as a mode. Of a mode of 2.7 time constants a sinusoid
+# explains more than 0.9 by chance in 1 case of 60, more than 0.97 in 1 of 5000. It is as likely by chance in 1 case of
+# 1000, but then leaves more of the peak than a line does: a line leaves a fifth only where the peak is low, and noise a
+# good part of it.
+CERTAIN_LINE_SHARE = 0.97
 LARGEST_LINE_SHARE = 0.9
 LEAST_LINE_GAIN = 4.0
-# The same ratio against a free decay: what one explains as well is no stationary response.
-LEAST_FALL_GAIN = 0.0
+LEAST_LINE_SHARE = 0.8
+LEAST_LINE_RISE = 50.0
+# The same ratio against a free decay: what one explains better is no stationary response. By chance one is as likely
+# as a mode in 1 case of 2000.
+LEAST_FALL_GAIN = -10.0
 # Twice the log likelihood ratio that an ambient peak must gain over a smooth spectrum, if it appears in so many orders
 # and if it does not, and its least height over the floor beside it.
 LEAST_GAIN = 20.0
@@ -135,7 +141,8 @@ def ambient_flags(
     flags = []
     if fall_gain < LEAST_FALL_GAIN:
         flags.append("not_exponential")
-    line = line_gain < LEAST_LINE_GAIN or peak.line_share > CERTAIN_LINE_SHARE
+    explains = peak.line_share > LEAST_LINE_SHARE or peak.rise < LEAST_LINE_RISE
+    line = (line_gain < LEAST_LINE_GAIN and explains) or peak.line_share > CERTAIN_LINE_SHARE
     if line or (peak.line_share > LARGEST_LINE_SHARE and line_gain < LEAST_GAIN):
         flags.append("harmonic")
     if not damping_sigma < LARGEST_AMBIENT_DAMPING_SIGMA * damping_ratio:

@@ -21,7 +21,7 @@ _LEFT_OVER = 0.1
 # that explains less than this about its own frequencies, or in some stretch leaves so much of a mode's amplitude at the
 # start, must not leave a peak elsewhere as it was: farther away than this share of each frequency, so high over the
 # median, with this share left, and with at least so much of its energy in each of so many parts of the record.
-_MANY_CYCLES, _WHOLE, _TORN = 50.0, 0.95, 0.3
+_MANY_CYCLES, _WHOLE, _TORN = 50.0, 0.95, 0.2
 _ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
 _PARTS, _THERE = 3, 0.1
 # A record of many cycles of its tallest peak is looked at before it is fitted: exponentials in so many coordinates must

@@ -19,10 +19,10 @@ FloatArray = NDArray[np.float64]
 # Changes over the record that are tried, as shares of the frequency.
 CHANGES = np.linspace(-0.08, 0.08, 65)
 _NONE = len(CHANGES) // 2
-# Twice the log likelihood ratio that says a frequency moves, the least change that matters, and the largest that is
-# believed: what is likeliest towards the end of the changes is no mode that moves, but a band that one mode does not
-# explain.
-LEAST_DRIFT_GAIN, LEAST_DRIFT, LARGEST_DRIFT = 16.0, 0.005, 0.06
+# Twice the log likelihood ratio that says a frequency moves, which chance gains in 1 case of 10 000; the least change
+# that matters, and the largest that is believed: what is likeliest towards the end of the changes is no mode that
+# moves, but a band that one mode does not explain.
+LEAST_DRIFT_GAIN, LEAST_DRIFT, LARGEST_DRIFT = 22.0, 0.005, 0.06
 # Points over frequency, to so many widths of the peak, over the decay rate, as shares of the steady mode's, whose peak
 # the drift has made broad, and over the noise beside it.
 _FREQUENCIES, _WIDTHS = 25, 3.0

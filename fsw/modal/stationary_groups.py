@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.ambient import weigh_peak
 from fsw.modal.clustering import Candidate
-from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
+from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS, LEAST_RISE
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.stationary_likelihood import Group, band_of, first_guess, half_band_hz, most_likely, without
 from fsw.modal.stationary_model import Band
@@ -29,6 +30,9 @@ VERY_SHAPE, _PIECE_GAIN = 0.95, 30.0
 _TIE = 0.5
 # A direction of a band's motion has at least so much more power than the least.
 _CLEAR = 4.0
+# A direction holds a mode of its own if its tallest coefficient is so many times the middle one, and if the others
+# explain less than this share of it.
+_TALL, _IN_STEP = 3.0, 0.5
 # Filters that would amplify more than the inverse of this let neighbours pass.
 _FLAT = 0.1
 # A candidate that moves by more than so many widths, from itself or from a dropped piece of its peak, was another
@@ -38,8 +42,8 @@ _FAR = 3.0
 
 @dataclass(frozen=True)
 class Refined:
-    """A candidate with frequency, damping and shape by likelihood, their deviations, and the gains over a steady line
-    and over a free decay.
+    """A candidate with frequency, damping and shape by likelihood, their deviations, the gains over a steady line and
+    over a free decay, and whether it may be a piece of another's peak.
     """
 
     candidate: Candidate
@@ -47,6 +51,7 @@ class Refined:
     damping_sigma: float
     line_gain: float
     fall_gain: float
+    piece: bool
 
 
 def real_shape(shape: ComplexArray) -> FloatArray:
@@ -79,25 +84,19 @@ def refined(found: list[Candidate], signals: FloatArray, rate_hz: float) -> list
     return done
 
 
-def _reach_hz(frequency_hz: float, damping_ratio: float, signals: FloatArray, rate_hz: float) -> float:
-    damping = float(np.clip(damping_ratio, 0.0, _MOST_DAMPING))
-    return half_band_hz(frequency_hz, damping, len(signals) / rate_hz)
-
-
 def _settled(
     fresh: list[Candidate], known: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float
 ) -> list[Refined]:
     """The fresh candidates that are needed beside each other and the known ones; spectrum: of the signals."""
+    hidden = _hidden([*fresh, *known], signals, spectrum, rate_hz)
+    fresh = [*fresh, *hidden]
     members = [*fresh, *known]
     frequency_hz = np.array([c.frequency_hz for c in members])
     damping = np.array([c.damping_ratio for c in members])
     shapes = np.stack([real_shape(c.pole.shape) for c in members], axis=1)
     for _ in range(2):
         # The band depends on the damping: a second round has the better one.
-        reach_hz = [_reach_hz(f, z, signals, rate_hz) for f, z in zip(frequency_hz, damping, strict=True)]
-        low_hz, high_hz = float(np.min(frequency_hz - reach_hz)), float(np.max(frequency_hz + reach_hz))
-        resolution_hz = rate_hz / len(signals)
-        inside = slice(max(int(np.ceil(low_hz / resolution_hz)), 0), int(high_hz / resolution_hz) + 1)
+        low_hz, high_hz, inside = _reach(frequency_hz, damping, signals, rate_hz)
         basis = _span(spectrum[inside], len(members))
         band = band_of(signals @ basis, rate_hz, low_hz, high_hz, spectrum @ basis)
         if len(band.frequency_hz) < _LEAST_COEFFICIENTS:
@@ -108,7 +107,12 @@ def _settled(
         shapes = basis @ group.modes.shapes
     members, group = _needed(members, len(fresh), band, group)
     needed = members[: len(members) - len(known)]
-    entries = [_refined(c, _estimate(band, group, j), basis @ group.modes.shapes[:, j]) for j, c in enumerate(needed)]
+    entries = [
+        _refined(c, _estimate(band, group, j), basis @ group.modes.shapes[:, j], _is_piece(members, band, group, j))
+        for j, c in enumerate(needed)
+    ]
+    if hidden:  # a pole that stood for two modes lay between them, or at the other one
+        return entries
     dropped = [c for c in fresh if not any(c is n for n in needed)]
     return [
         entry
@@ -120,19 +124,68 @@ def _settled(
     ]
 
 
+def _reach(
+    frequency_hz: FloatArray, damping: FloatArray, signals: FloatArray, rate_hz: float
+) -> tuple[float, float, slice]:
+    """Ends in Hz of the band of some modes, and where it is in the signals' spectrum."""
+    reach_hz = [_reach_hz(f, z, signals, rate_hz) for f, z in zip(frequency_hz, damping, strict=True)]
+    low_hz, high_hz = float(np.min(frequency_hz - reach_hz)), float(np.max(frequency_hz + reach_hz))
+    bins = len(signals) / rate_hz
+    return low_hz, high_hz, slice(max(int(np.ceil(low_hz * bins)), 0), int(high_hz * bins) + 1)
+
+
+def _reach_hz(frequency_hz: float, damping_ratio: float, signals: FloatArray, rate_hz: float) -> float:
+    damping = float(np.clip(damping_ratio, 0.0, _MOST_DAMPING))
+    return half_band_hz(frequency_hz, damping, len(signals) / rate_hz)
+
+
+def _hidden(members: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float) -> list[Candidate]:
+    """The mode that the subspace method took for one with the members, if there is one.
+
+    Their band then moves in one direction more than there are members, with a peak there. What moves in step with the
+    members is no mode of its own: their shapes are not quite real.
+    """
+    first, count = members[0], len(members)
+    hz, damping = np.array([(c.frequency_hz, c.damping_ratio) for c in members]).T
+    inside = _reach(hz, damping, signals, rate_hz)[2]
+    X = spectrum[inside]
+    if len(X) < _LEAST_COEFFICIENTS or not count < min(_MOST, X.shape[1]):
+        return []
+    power, directions = _directions(X)
+    along, across = X @ directions[:, :count], X @ directions[:, count]
+    tall = np.max(np.abs(across)) > _TALL * np.median(np.abs(across))
+    if power[count] < _CLEAR * power[-1] or not tall:
+        return []
+    in_step = along @ np.linalg.lstsq(along, across)[0]
+    if np.linalg.norm(in_step) ** 2 > _IN_STEP * np.linalg.norm(across) ** 2:
+        return []
+    peak_hz = (inside.start + int(np.argmax(np.abs(across)))) * rate_hz / len(signals)
+    zeta = float(np.clip(first.damping_ratio, _LEAST_DAMPING, _MOST_DAMPING))
+    peak = weigh_peak(signals @ directions[:, count], rate_hz, peak_hz, zeta)
+    if peak is None or peak.gain < LEAST_GAIN or peak.rise < LEAST_RISE:
+        return []
+    strength = first.pole.singular_value * float(np.sqrt(power[count] / power[0]))
+    pole = replace(first.pole, shape=directions[:, count].astype(np.complex128), singular_value=strength)
+    return [Candidate(pole, LEAST_ORDERS, peak_hz, zeta, 0.0, 0.0)]
+
+
 def _arrives(entry: Refined, start: Candidate, resolution_hz: float) -> bool:
     """Whether a refined mode is where a candidate was, within some of its widths."""
     width_hz = max(start.damping_ratio, 0.0) * start.frequency_hz + resolution_hz
     return abs(entry.candidate.frequency_hz - start.frequency_hz) < _FAR * width_hz
 
 
+def _directions(X: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Power (p,) and orthonormal directions (p, p) of the motion in a band of a spectrum (K, p), strongest first."""
+    power, directions = np.linalg.eigh((X.conj().T @ X).real)
+    return power[::-1], directions[:, ::-1]
+
+
 def _span(X: ComplexArray, most: int) -> FloatArray:
-    """Orthonormal directions (p, q) of the motion in a band of a spectrum (K, p): at most so many, and those that stand
-    out.
-    """
-    values, vectors = np.linalg.eigh((X.conj().T @ X).real)
-    clear = int(np.count_nonzero(values > _CLEAR * values[0])) if len(values) > most else len(values)
-    return vectors[:, ::-1][:, : max(min(clear, most), 1)]
+    """Directions (p, q) of the motion in a band of a spectrum (K, p): at most so many, and those that stand out."""
+    power, directions = _directions(X)
+    clear = int(np.count_nonzero(power > _CLEAR * power[-1])) if len(power) > most else len(power)
+    return directions[:, : max(min(clear, most), 1)]
 
 
 def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> tuple[list[Candidate], Group]:
@@ -153,8 +206,20 @@ def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> t
 
 def _asked(group: Group, mode: int) -> float:
     """Gain that a mode of a group is asked for: more beside another one of its shape."""
-    alike = (group.modes.shapes[:, mode] @ group.modes.shapes) ** 2 > VERY_SHAPE
-    return _PIECE_GAIN if np.count_nonzero(alike) > 1 else LEAST_GAIN
+    return _PIECE_GAIN if np.count_nonzero(_alike(group, mode)) > 1 else LEAST_GAIN
+
+
+def _alike(group: Group, mode: int) -> NDArray[np.bool_]:
+    """Which modes (m,) of a group have the very shape of one of them."""
+    return np.asarray((group.modes.shapes[:, mode] @ group.modes.shapes) ** 2 > VERY_SHAPE)
+
+
+def _is_piece(members: list[Candidate], band: Band, group: Group, mode: int) -> bool:
+    """Whether a mode has the shape of one seen oftener or stronger, and both gain no more than chance does over one."""
+    # It stays in the group all the same, for it may stand for what the force is not white by.
+    seen = [(c.count, c.pole.singular_value) for c in members]
+    before = any(seen[int(j)] > seen[mode] for j in np.flatnonzero(_alike(group, mode)))
+    return before and 2.0 * (group.likelihood - without(group, band, mode).likelihood) < _PIECE_GAIN
 
 
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:
@@ -176,13 +241,12 @@ def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     )
 
 
-def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray) -> Refined:
+def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray, piece: bool) -> Refined:
     s = complex(-estimate.decay_rate, 2.0 * np.pi * estimate.frequency_hz)
     pole = replace(candidate.pole, s=s, shape=shape.astype(np.complex128))
     better = replace(candidate, pole=pole, frequency_hz=pole.frequency_hz, damping_ratio=pole.damping_ratio)
     # What the subspace method sees no decay of is a line unless the likelihood is sure.
     decays = candidate.damping_ratio > 0.0 or estimate.line_gain > LEAST_GAIN
     line_gain = estimate.line_gain if decays else 0.0
-    return Refined(
-        better, estimate.frequency_sigma_hz, estimate.decay_rate_sigma / abs(s), line_gain, estimate.fall_gain
-    )
+    damping_sigma = estimate.decay_rate_sigma / abs(s)
+    return Refined(better, estimate.frequency_sigma_hz, damping_sigma, line_gain, estimate.fall_gain, piece)

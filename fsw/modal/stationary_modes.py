@@ -55,7 +55,7 @@ def identify_ambient(
         series = signals @ modal_filter(candidate, found)
         peak = weigh_peak(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio)
         if peak is not None and peak.gain > 0.0:
-            split = _overlaps(candidate, found, duration_s)
+            split = entry.piece or _overlaps(candidate, found, duration_s)
             modes.append(_mode(entry, peak, split, basis, coordinates, duration_s, options))
             noise = 2.0 * peak.floor / (peak.variance * duration_s)
             profiles.append(drift_profile(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))

@@ -1,7 +1,9 @@
 """What a band of one signal tells of the one mode in it: frequency and decay rate with honest deviations, or a line.
 
 With few time constants in a record the likelihood is skew, and its curvature at the top says too little: mean and
-standard deviation of the whole posterior are taken instead. Jeffreys' prior of the decay rate is a^-1/2.
+standard deviation of the whole posterior are taken instead. Jeffreys' prior of the decay rate is a^-1/2. What is found
+too slow by chance is told to be known too well, for the deviation grows with the decay rate: so a decay rate's reaches
+at least as far up as its posterior does.
 """
 
 from dataclasses import dataclass
@@ -24,6 +26,8 @@ _REACH, _NOISE_REACH = 5.0, 2.0
 # than _VAGUE may be anything down to a line's.
 _LEAST_SPREAD, _MOST_SPREAD, _VAGUE, _MOST_NOISE_SPREAD = 0.05, 0.7, 0.3, 1.5
 _SLOWEST = 0.03
+# Chance of more than so many deviations above the mean, of a normal variable.
+_DEVIATIONS_UP, _ABOVE = 2.0, 0.0228
 # Exponents by which a sinusoid that is steady, and one that is not, fall over the record; zooms on them and on its
 # frequency.
 _STEADY, _FALLING = np.array([1e-3]), np.geomspace(0.25, 32.0, 7)
@@ -58,6 +62,7 @@ def posterior(band: Band, modes: Modes, mode: int, filtered: FloatArray) -> Esti
     weight /= np.sum(weight)
     f_mean, f_sigma = _moments(f, weight.sum(axis=1))
     a_mean, a_sigma = _moments(decay, weight.sum(axis=0))
+    a_sigma = max(a_sigma, (_upper_end(decay, weight.sum(axis=0)) - a_mean) / _DEVIATIONS_UP)
     steady, falling = (_wave(own, f_mean, falls) for falls in (_STEADY, _FALLING))
     return Estimate(f_mean, f_sigma, a_mean, a_sigma, 2.0 * (top - steady), 2.0 * (top - max(steady, falling)))
 
@@ -84,6 +89,12 @@ def _grid(band: Band, alone: Modes) -> tuple[FloatArray, FloatArray, FloatArray]
         np.exp(np.linspace(slowest, np.log(a) + reach, _DECAYS)),
         alone.noise / float(alone.variance[0]) * np.exp(noise_reach * np.linspace(-1.0, 1.0, _NOISES)),
     )
+
+
+def _upper_end(values: FloatArray, weight: FloatArray) -> float:
+    """What a variable known by its logarithm exceeds with the chance _ABOVE."""
+    below = np.cumsum(weight) - 0.5 * weight
+    return float(np.exp(np.interp(1.0 - _ABOVE, below, np.log(values))))
 
 
 @kernel

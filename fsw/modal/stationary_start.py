@@ -19,8 +19,9 @@ FloatArray = NDArray[np.float64]
 # Decay rates and ratios of noise to the mode, times those found without a blow: what a blow feigns is slower and
 # stronger than the mode.
 _DECAYS, _RATIOS = np.exp([-0.5, 0.3, 1.1, 1.9, 2.7]), np.exp([-0.5, 0.5, 2.0, 4.0])
-# Chance that the modes of a stationary response, or one of them, gain so much by a blow.
-_CHANCE = 3e-4
+# Chance that the modes of a stationary response, or one of them, gain so much by a blow, and degrees of freedom of a
+# gain: amplitude and phase of a free decay, and what a better decay rate and noise gain with it.
+_CHANCE, _FREEDOMS = 3e-5, 3
 
 
 def start_gain(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_ratio: float, noise: float) -> float:
@@ -58,7 +59,7 @@ def start_gain(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_
 def begin_with_a_blow(gains: Sequence[float]) -> bool:
     """Whether modes with these gains were struck, all together or one of them.
 
-    Without a blow each gains like a chi-square of two degrees of freedom: amplitude and phase of a free decay.
+    Without a blow each gains like a chi-square.
     """
     count = len(gains)
-    return bool(sum(gains) > chdtri(2 * count, _CHANCE) or max(gains) > chdtri(2, _CHANCE / count))
+    return bool(sum(gains) > chdtri(_FREEDOMS * count, _CHANCE) or max(gains) > chdtri(_FREEDOMS, _CHANCE / count))
