@@ -149,23 +149,27 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
         stronger = [i for i in range(len(values)) if values[i] > values[j] or (values[i] == values[j] and i < j)]
         if any(_split(time_s, fit, int(j), i) for i in stronger):
             return int(j)
-    limit = _least_statistic(fit.residual.shape[1])
-    excess = values / limit
-    doubtful = np.flatnonzero(excess < _loudest(fit.residual))
-    if len(doubtful):
-        excess[doubtful] /= np.maximum(noise_beside(time_s, fit, doubtful.tolist()), 1.0)
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
-    excess[(cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))] = 0.0
-    worst = int(np.argmin(excess))
-    return worst if excess[worst] < 1.0 else None
+    gone = (cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))
+    if gone.any():
+        return int(np.argmax(gone))
+    excess = values / _least_statistic(fit.residual.shape[1])
+    worst, least, loudest = None, 1.0, _loudest(fit.residual)
+    for j in map(int, np.argsort(excess, kind="stable")):
+        if excess[j] >= least * loudest:  # whatever noise is beside it
+            break
+        own = float(excess[j]) / max(float(noise_beside(time_s, fit, [j])[0]), 1.0)
+        if own < least:
+            worst, least = j, own
+    return worst
 
 
 def _loudest(residual: FloatArray) -> float:
-    """More than noise_beside can say of any mode: what is stronger than this needs no closer look."""
+    """More than noise_beside can say of any mode, but 1 at least: what is so strong needs no closer look."""
     spectrum = scipy.fft.rfft(residual, axis=0)
     power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
-    return 10.0 * float(np.max(power)) / len(residual)
+    return max(10.0 * float(np.max(power)) / len(residual), 1.0)
 
 
 @lru_cache

@@ -15,7 +15,6 @@ from fsw.modal.clustering import LEAST_ORDERS, Pole, cluster, stabilisation
 from fsw.modal.coordinates import Coordinates, even_grid
 from fsw.modal.gates import LARGEST_DECAY_FREQUENCY_SIGMA, common_flags
 from fsw.modal.realisation import realise
-from fsw.modal.refinement import ARRIVED
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import pole_to_modal
 from wingbeat.kernels import kernel
@@ -30,6 +29,8 @@ _SAMPLES_OF_AN_UNKNOWN = 4
 # Steps of the refinement and trials of each; how far a pole moves in one, and steps of its differences, in 1 / T.
 _STEPS, _TRIALS, _LONGEST, _DIFFERENCE = 40, 5, 1.5, 1e-4
 _LEAST_CAUTION = 1e-8
+# Relative fall of the cost below which the search has arrived.
+_ARRIVED = 1e-10
 # Poles of the free record begin here, and only where the observer found none within this share of the frequency.
 _STARTING_DAMPING, _SAME = 0.01, 0.05
 # What is left of the signals, against the floor of its own spectrum, when the model explains them.
@@ -163,7 +164,7 @@ def _refine(y: FloatArray, u: FloatArray, rate_hz: float, poles: ComplexArray, d
                 values, residual, caution = values + step, trial, max(0.1 * caution, _LEAST_CAUTION)
                 break
             caution = max(10.0 * caution, 1e-4)
-        if before - float(residual @ residual) <= ARRIVED * before:
+        if before - float(residual @ residual) <= _ARRIVED * before:
             break
     basis = _columns(values[0::2] + 1j * values[1::2], u, rate_hz, drift_degree)
     # Columns of one length: what falls or grows fast would else make all of them look alike to rounding.

@@ -17,9 +17,9 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ITERATIONS = 25
-# Relative fall of the cost that is not worth a step: of T p degrees of freedom, so much is far below one standard
+# Relative fall of the cost that is not worth a step: of T p degrees of freedom, so much is a hundredth of one standard
 # deviation of any pole.
-ARRIVED = 1e-10
+_ARRIVED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -181,14 +181,14 @@ def refined(fit: Fit, signals: FloatArray) -> Fit:
         if failed:
             step = np.linalg.lstsq(normal, gradient, rcond=1e-14)[0]
         # The cost falls by this or, where the step is cut, by more.
-        if float(step @ gradient) <= ARRIVED * fit.cost:
+        if float(step @ gradient) <= _ARRIVED * fit.cost:
             break
         step *= min(1.0, longest / max(float(np.max(np.abs(step))), 1e-300))
         trial = fit.span.of(fit.poles + step[0::2] + 1j * step[1::2]).fit(signals)
         if np.isfinite(trial.cost) and trial.cost <= fit.cost:
             gain = fit.cost - trial.cost
             fit, damping = trial, max(damping * 0.1, 1e-12)
-            if gain <= ARRIVED * fit.cost:
+            if gain <= _ARRIVED * fit.cost:
                 break
         else:
             damping = max(damping * 10.0, 1e-6)
