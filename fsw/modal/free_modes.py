@@ -1,7 +1,5 @@
 """Modes of a free decay: the fit turned into frequencies, intervals, shapes and flags."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -109,8 +107,7 @@ def doubted(modes: list[Mode]) -> list[Mode]:
     strongest = max(modes, key=lambda mode: mode.amplitude, default=None)
     if strongest is None or UNSTEADY.isdisjoint(strongest.flags):
         return modes
-    flagged = [sorted({*mode.flags, "not_exponential"}) for mode in modes]
-    return [replace(mode, valid=False, flags=flags) for mode, flags in zip(modes, flagged, strict=True)]
+    return [mode.flagged("not_exponential") for mode in modes]
 
 
 def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_degree: int) -> NDArray[np.bool_]:

@@ -93,7 +93,7 @@ def identify(
         correlation = fixed_window if settings.correlation == "fixed_window" else spectral
         modes, poles = identify_ambient(coordinates, correlation, settings)
         if falls:  # whatever the caller said, for a stationary response does not
-            modes = [replace(mode, valid=False, flags=sorted({*mode.flags, "not_exponential"})) for mode in modes]
+            modes = [mode.flagged("not_exponential") for mode in modes]
     modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)
     flags, diagram = _record_flags(modes, record.duration_s), _diagram(coordinates, poles)
@@ -128,7 +128,7 @@ def _pairs_flagged(modes: list[Mode]) -> list[Mode]:
     for j, (a, b) in enumerate(pairwise(modes)):
         sigma_hz = float(np.hypot(a.frequency_sigma_hz, b.frequency_sigma_hz))
         if a.valid and b.valid and b.frequency_hz - a.frequency_hz < PAIR_DEVIATIONS * sigma_hz:
-            modes[j], modes[j + 1] = (replace(m, valid=False, flags=sorted({*m.flags, "close_pair"})) for m in (a, b))
+            modes[j], modes[j + 1] = a.flagged("close_pair"), b.flagged("close_pair")
     return modes
 
 

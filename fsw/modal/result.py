@@ -1,6 +1,6 @@
 """What an identification gives: modes with intervals, indicators, validity and flags; and its form in modes.json."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -55,6 +55,10 @@ class Mode:
     shape: ComplexArray
     valid: bool
     flags: list[str]
+
+    def flagged(self, flag: str) -> "Mode":
+        """The same mode with this against it: not valid."""
+        return replace(self, valid=False, flags=sorted({*self.flags, flag}))
 
 
 @dataclass(frozen=True)

@@ -62,13 +62,9 @@ def identify_ambient(
             if modes[-1].valid:
                 gains.append(start_gain(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
     if gains and begin_with_a_blow(gains):
-        modes = [_struck(mode) if mode.valid else mode for mode in modes]
+        modes = [mode.flagged("not_exponential") if mode.valid else mode for mode in modes]
     modes = _drift_flagged(modes, profiles)
     return sorted(modes, key=lambda mode: -mode.amplitude)[: options.most_modes], diagram
-
-
-def _struck(mode: Mode) -> Mode:
-    return replace(mode, valid=False, flags=["not_exponential"])
 
 
 def _drift_flagged(modes: list[Mode], profiles: list[FloatArray]) -> list[Mode]:

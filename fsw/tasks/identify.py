@@ -216,8 +216,6 @@ def confirmed(modes: Sequence[Mode], before: Sequence[Mode]) -> list[Mode]:
     """
     known = [other.frequency_hz for other in before if set(other.flags) <= {UNCONFIRMED}]
     return [
-        mode
-        if any(abs(mode.frequency_hz - hz) < SAME_FREQUENCY * hz for hz in known)
-        else replace(mode, valid=False, flags=sorted({*mode.flags, UNCONFIRMED}))
+        mode if any(abs(mode.frequency_hz - hz) < SAME_FREQUENCY * hz for hz in known) else mode.flagged(UNCONFIRMED)
         for mode in modes
     ]
