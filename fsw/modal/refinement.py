@@ -150,7 +150,7 @@ def _information(gram: FloatArray, directions: FloatArray) -> FloatArray:
     count = len(directions)
     mode = np.repeat(np.arange(count // 2), 2)
     blocks = gram.reshape(count // 2, 2, count // 2, 2)[mode][:, :, mode]  # (k, 2, l, 2)
-    flat = directions.reshape(2 * count, -1)
+    flat = directions.reshape(2 * count, directions.shape[2])
     return np.asarray(np.sum((flat @ flat.T).reshape(count, 2, count, 2) * blocks, axis=(1, 3)))
 
 
