@@ -54,8 +54,10 @@ def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> Floa
     h[first + i + j]. Source: Eq. 33.
     """
     _, p, m = h.shape
-    index = first + np.arange(rows)[:, None] + np.arange(columns)
-    return h[index].transpose(0, 2, 1, 3).reshape(rows * p, columns * m)
+    # A row of the matrix is a stretch of one output's series.
+    series = np.ascontiguousarray(h.transpose(1, 0, 2)).reshape(p, -1)[:, first * m :]
+    stretches = np.lib.stride_tricks.sliding_window_view(series, columns * m, axis=1)[:, : rows * m : m]
+    return stretches.transpose(1, 0, 2).reshape(rows * p, columns * m)
 
 
 def realise(h: FloatArray, rows: int, columns: int, order: int) -> Realisation:
