@@ -7,8 +7,9 @@ import pytest
 import scipy.signal
 
 from fsw.channels import read_channels
-from fsw.modal.ambient import expected_peak
+from fsw.modal.ambient import Peak, expected_peak
 from fsw.modal.clustering import Candidate, Pole
+from fsw.modal.gates import ambient_flags
 from fsw.modal.pipeline import identify
 from fsw.modal.stationary_drift import CHANGES, drift_profile, moves
 from fsw.modal.stationary_modes import modal_filter
@@ -93,6 +94,27 @@ def test_frequencies_that_move_within_a_stationary_response_are_flagged_and_have
     assert all(np.isnan(mode.damping_ratio) for mode in found.modes if "time_varying" in mode.flags)
 
 
+# Each was struck by one gate or another: as begun with a blow, as moving, as a line, as a free decay.
+@pytest.mark.parametrize(
+    ("case", "seed"), [("A1", 20122), ("A2", 20122), ("A2", 9089), ("A1", 9143), ("A2", 20090), ("A1", 5197)]
+)
+def test_chance_does_not_strike_right_modes(case, seed):
+    valid = identify(*stationary(*AMBIENT[case], seed)).valid_modes
+    assert len(valid) == len(AMBIENT[case][0])
+    for f, mode in zip(sorted(AMBIENT[case][0].values()), valid, strict=True):
+        assert abs(mode.frequency_hz - f) < 4.0 * mode.frequency_sigma_hz
+        assert abs(mode.damping_ratio - DAMPING) < 4.0 * mode.damping_ratio_sigma
+
+
+@pytest.mark.parametrize(
+    ("gain", "share", "rise", "line"),
+    [(1.0, 0.95, 400.0, True), (1.0, 0.7, 20.0, True), (1.0, 0.7, 400.0, False), (50.0, 0.98, 400.0, True)],
+)
+def test_a_line_explains_the_peak_or_noise_is_a_good_part_of_it(gain, share, rise, line):
+    flags = ambient_flags(0.005, 0.002, Peak(1.0, 1.0, 100.0, rise, share), gain, 50.0, 8)
+    assert flags == (["harmonic"] if line else [])
+
+
 @pytest.mark.parametrize("strength", [0.5, 1.0])
 def test_a_free_decay_under_a_random_force_is_no_stationary_response(strength):
     modes, _, rate_hz, points, noise_mm = AMBIENT["A2"]
@@ -118,6 +140,7 @@ def test_a_response_that_begins_with_a_blow_is_told_from_one_that_begins_by_chan
     # Chance gains about as much as a chi-square of two degrees of freedom: mean 2, a tenth above 2 ln 10.
     assert 1.0 < np.mean(without) < 3.5 and 0.03 < np.mean(np.array(without) > 2.0 * np.log(10.0)) < 0.25
     assert not any(begin_with_a_blow([gain]) for gain in without)
+    assert not any(begin_with_a_blow(without[k : k + 4]) for k in range(0, 60, 4))
     assert all(begin_with_a_blow([gain_of_start(8.0, seed)]) for seed in range(4))
     weak = [gain_of_start(5.0, seed) for seed in range(4)]
     assert begin_with_a_blow(weak), "together they tell what each of them may leave open"

@@ -45,6 +45,15 @@ def test_a_mode_that_was_taken_for_one_with_its_neighbour_is_found(damping):
     assert alone <= 1
 
 
+# One pole stood for both, or a second one of the first one's shape beside it.
+@pytest.mark.parametrize("seed", [9070, 9127, 9169, 9187])
+def test_both_of_a_pair_of_the_published_case_are_valid(seed):
+    hz = sorted(AMBIENT["A2"][0].values())
+    valid = identify(*stationary(*AMBIENT["A2"], seed)).valid_modes
+    assert len(valid) == len(hz)
+    assert all(abs(m.frequency_hz - f) < 4.0 * m.frequency_sigma_hz for f, m in zip(hz, valid, strict=True))
+
+
 # A shape that is not quite real moves in a second direction, but in step with the first.
 @pytest.mark.parametrize("shape", [[1.0, 0.0, 0.0, 0.0], [0.9, 0.43j, 0.0, 0.1]])
 @pytest.mark.parametrize("damping", [0.001, 0.005, 0.03])

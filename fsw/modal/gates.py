@@ -34,7 +34,7 @@ LEAST_DECAY = 0.05
 DAMPING_DEVIATIONS = 3.0
 LARGEST_FREQUENCY_SIGMA = 0.01
 LARGEST_DECAY_FREQUENCY_SIGMA = 0.005
-LARGEST_AMBIENT_DAMPING_SIGMA = 1.3
+LARGEST_AMBIENT_DAMPING_SIGMA = 1.75
 # A frequency that moves by more than this share of itself within the record is not one frequency.
 LARGEST_CHANGE = 0.005
 CHANGE_DEVIATIONS = 4.0
@@ -50,12 +50,12 @@ PAIR_RESOLUTIONS = 2.0
 PAIR_DEVIATIONS = 3.0
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there: surely, or unless
 # the likelihood is sure of a decay; and one that is as likely as a mode. Of a mode of 2.7 time constants a sinusoid
-# explains more than 0.9 by chance in 1 case of 60, more than 0.97 in 1 of 5000. It is as likely by chance in 1 case of
-# 1000, but then leaves more of the peak than a line does: a line leaves a fifth only where the peak is low, and noise a
-# good part of it.
+# explains more than 0.9 by chance in 1 case of 60, more than 0.97 in 1 of 5000. It is as likely as a mode by chance in
+# 1 case of 1000, but then leaves more of the peak than a line does: a line leaves a fifth only where the peak is low,
+# and noise a good part of it.
 CERTAIN_LINE_SHARE = 0.97
 LARGEST_LINE_SHARE = 0.9
-LEAST_LINE_GAIN = 4.0
+LEAST_LINE_GAIN, SURE_LINE_GAIN = 4.0, 10.0
 LEAST_LINE_SHARE = 0.8
 LEAST_LINE_RISE = 50.0
 # The same ratio against a free decay: what one explains better is no stationary response. By chance one is as likely
@@ -143,7 +143,7 @@ def ambient_flags(
         flags.append("not_exponential")
     explains = peak.line_share > LEAST_LINE_SHARE or peak.rise < LEAST_LINE_RISE
     line = (line_gain < LEAST_LINE_GAIN and explains) or peak.line_share > CERTAIN_LINE_SHARE
-    if line or (peak.line_share > LARGEST_LINE_SHARE and line_gain < LEAST_GAIN):
+    if line or (peak.line_share > LARGEST_LINE_SHARE and line_gain < SURE_LINE_GAIN):
         flags.append("harmonic")
     if not damping_sigma < LARGEST_AMBIENT_DAMPING_SIGMA * damping_ratio:
         flags.append("imprecise")

@@ -236,9 +236,8 @@ def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     # uncertainty law allows; and whether one is a line is left to what a line explains.
     f, rate, sigma = float(frequency_hz[mode]), float(rates[mode]), group.sigmas[mode]
     law = au_law(f, rate / (2.0 * np.pi * f), band.duration_s * len(band.coefficients))
-    return Estimate(
-        f, max(float(sigma[0]), law[0] * f), rate, max(float(sigma[1]), law[1]) * rate, LEAST_LINE_GAIN, LEAST_FALL_GAIN
-    )
+    f_sigma, rate_sigma = max(float(sigma[0]), law[0] * f), max(float(sigma[1]), law[1]) * rate
+    return Estimate(f, f_sigma, rate, rate_sigma, LEAST_LINE_GAIN, LEAST_FALL_GAIN)
 
 
 def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray, piece: bool) -> Refined:
@@ -247,6 +246,5 @@ def _refined(candidate: Candidate, estimate: Estimate, shape: FloatArray, piece:
     better = replace(candidate, pole=pole, frequency_hz=pole.frequency_hz, damping_ratio=pole.damping_ratio)
     # What the subspace method sees no decay of is a line unless the likelihood is sure.
     decays = candidate.damping_ratio > 0.0 or estimate.line_gain > LEAST_GAIN
-    line_gain = estimate.line_gain if decays else 0.0
-    damping_sigma = estimate.decay_rate_sigma / abs(s)
+    line_gain, damping_sigma = estimate.line_gain if decays else 0.0, estimate.decay_rate_sigma / abs(s)
     return Refined(better, estimate.frequency_sigma_hz, damping_sigma, line_gain, estimate.fall_gain, piece)

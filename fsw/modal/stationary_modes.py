@@ -29,7 +29,8 @@ _SAME_SHAPE = 0.8
 _DAMPING = (-0.02, 0.15)
 # Neighbours of a mode within this share of its frequency are kept out of its signal by their shapes.
 _NEIGHBOUR = 0.2
-# Beside a mode, poles with less than this share of its singular value are its fragments even farther off.
+# Beside a mode, poles with less than this share of its singular value are its fragments even farther off. To keep them
+# out would but amplify the noise, for their shapes are like its own.
 _FRAGMENT = 0.15
 
 
@@ -110,7 +111,9 @@ def modal_filter(candidate: Candidate, found: list[Candidate]) -> FloatArray:
     near = [
         c
         for c in found
-        if c is not candidate and abs(c.frequency_hz - candidate.frequency_hz) < _NEIGHBOUR * candidate.frequency_hz
+        if c is not candidate
+        and abs(c.frequency_hz - candidate.frequency_hz) < _NEIGHBOUR * candidate.frequency_hz
+        and c.pole.singular_value > _FRAGMENT * candidate.pole.singular_value
     ]
     shapes = np.stack([real_shape(c.pole.shape) for c in [candidate, *near]], axis=1)
     weights = np.linalg.pinv(shapes, rcond=0.05)[0]
