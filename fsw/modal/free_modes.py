@@ -21,6 +21,7 @@ from fsw.modal.gates import (
     weak_flags,
 )
 from fsw.modal.kind import convincing
+from fsw.modal.realisation import frequency_and_damping
 from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import (
@@ -121,21 +122,13 @@ def early_part_agrees(time_s: FloatArray, signals: FloatArray, fit: Fit, drift_d
     if part < EARLY_SAMPLES or part <= 2 * (2 * len(fit.poles) + drift_degree + 1):
         return agrees
     early = refine(time_s[:part], signals[:part], fit.poles, drift_degree)
-    frequency_hz, damping = np.abs(early.poles) / (2.0 * np.pi), -early.poles.real / np.abs(early.poles)
-    off = np.stack(
-        [
-            np.abs(frequency_hz - np.abs(fit.poles) / (2.0 * np.pi)),
-            np.abs(damping + fit.poles.real / np.abs(fit.poles)),
-        ],
-        axis=1,
-    )
-    matters = [differs(off[j], np.zeros(2), f, damping[j]) for j, f in enumerate(frequency_hz)]
-    judged = np.flatnonzero(matters & (frequency_hz * time_s[part - 1] >= EARLY_CYCLES))
-    if len(judged):
+    modal, whole = (np.stack(frequency_and_damping(poles), axis=1) for poles in (early.poles, fit.poles))
+    off = np.abs(modal - whole)
+    doubtful = differs(off, np.zeros_like(off), modal) & (modal[:, 0] * time_s[part - 1] >= EARLY_CYCLES)
+    if doubtful.any():
         noise = np.ones(len(agrees))
-        noise[judged] = noise_beside(time_s[:part], early, judged.tolist())
-        sigmas = modal_sigmas(early.poles, early.information, noise)
-        agrees[judged] = [not differs(off[j], sigmas[j], frequency_hz[j], damping[j]) for j in judged]
+        noise[doubtful] = noise_beside(time_s[:part], early, np.flatnonzero(doubtful).tolist())
+        agrees = ~(doubtful & differs(off, modal_sigmas(early.poles, early.information, noise), modal))
     return agrees
 
 

@@ -116,13 +116,13 @@ def decay_flags(
     return flags
 
 
-def differs(off: FloatArray, sigma: FloatArray, frequency_hz: float, damping_ratio: float) -> bool:
-    """Whether two estimates of frequency and damping differ by more than matters and more than noise can feign.
+def differs(off: FloatArray, sigma: FloatArray, modal: FloatArray) -> NDArray[np.bool_]:
+    """Whether two estimates of each mode (m,) differ by more than matters and more than noise can feign.
 
-    off, sigma (2,): differences and deviations of frequency in Hz and of damping ratio.
+    off, sigma, modal (m, 2): differences, deviations and values of frequency in Hz and of damping ratio.
     """
-    matters = np.array([EARLY_FREQUENCY * frequency_hz, EARLY_DAMPING * abs(damping_ratio)])
-    return bool(np.any(off > np.fmax(matters, EARLY_DEVIATIONS * sigma)))
+    matters = np.abs(modal) * (EARLY_FREQUENCY, EARLY_DAMPING)
+    return np.asarray(np.any(off > np.fmax(matters, EARLY_DEVIATIONS * sigma), axis=1))
 
 
 def departs(share: float, deviations: float) -> bool:
