@@ -48,6 +48,15 @@ def _folder() -> Path:
 setattr(config, "CACHE_DIR", str(_folder()))  # noqa: B010  # numba makes its settings at run time
 
 
+def tick_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """`kernel` for a tick: it may allocate nothing, which the compiler sees to, so its arrays need no reference counts.
+
+    Each count is an atomic instruction that waits for all reads before it. Arrays must be the caller's.
+    """
+    compiled: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
+    return compiled
+
+
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile this function with numba: free of the interpreter's lock while it runs, x / 0 is inf as in numpy."""
     compiled: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy")(function)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
 PIXEL_VARIANCE = 1.0 / 12.0  # of that average: what the sensor adds to the lens's blur
 
 
-@kernel
+@tick_kernel
 def tabulate_step(blur_px: float, out: FloatArray) -> None:
     """Fill out (STEP_ROWS, 3) with a unit step seen through lens and pixel, its slope, and its change with blur.
 
@@ -36,7 +36,7 @@ def tabulate_step(blur_px: float, out: FloatArray) -> None:
                 out[i, 2] += sign * pdf
 
 
-@kernel
+@tick_kernel
 def look_up(step: FloatArray, x: float) -> tuple[float, float, float]:
     """Blurred unit step, slope and change with blur at x px, from the table."""
     place = (x + STEP_REACH_PX) * STEP_PER_PX

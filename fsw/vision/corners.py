@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.edges import COMMON, FloatArray
 from fsw.vision.perspective import centre_share, crossing
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 
 class Cells(NamedTuple):
@@ -40,14 +40,14 @@ def make_cells(count: int) -> Cells:
     )
 
 
-@kernel
+@tick_kernel
 def add_pull(pull: FloatArray, x: float, y: float) -> None:
     """Add to what moves a centre."""
     pull[0] += x
     pull[1] += y
 
 
-@kernel
+@tick_kernel
 def corners_and_centre(
     c: FloatArray,
     nx: FloatArray,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fsw.vision.hot import is_hot
 from fsw.vision.strips import Strips, make_strips
 from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[Any]  # uint8 or uint16, (height, width)
@@ -33,6 +33,33 @@ LIGHT = 2  # in Scratch.coupled: light that grows by its whole per px outwards
 RIGHT, OWN, CROSS = 0, 1, 2  # of their normal equations: right side, diagonal, and what couples a width to the blur
 # Two more rows regress the squares e of what edges leave over on the grey values y: sums of 1, y, y^2, and of e, e y.
 POOLED_ROWS, FRESH_ROWS = COMMON + 2, 4
+SIZE_SUMS = 4  # of a direction: cells, sum and squares of their shares beyond the known one, variance that noise explains
+
+
+class Quad(NamedTuple):
+    """The cell being measured, side by side; taken once."""
+
+    nx: FloatArray  # (4,) outward normals,
+    ny: FloatArray  # (4,)
+    length: FloatArray  # (4,) px
+    extent: FloatArray  # (4,) px, of the cell from each side to the one across
+    depth: FloatArray  # (4,) of the corners, see corner_depths
+    middle: FloatArray  # (4,) where the side's middle was found, px outwards of where it was expected,
+    slope: FloatArray  # (4,) from its start to its end,
+    variance: FloatArray  # (4,) of the middle
+    by_blur: FloatArray  # (4,) px that 1 px more blur, and a line wider by its whole, would move it by
+    by_width: FloatArray  # (4,)
+    weight: FloatArray  # (4,) what it adds to OWN and CROSS of its width
+    cross: FloatArray  # (4,)
+    bright: FloatArray  # (4,) contrast
+    by_light: FloatArray  # (4,) px2 that it is off by, where light grows by its whole per px outwards
+    flat: FloatArray  # (4, 2) corners, without what was measured of them
+    agreed: FloatArray  # (POOLED_ROWS, 3) what was pooled before the cell
+
+
+def make_quad() -> Quad:
+    """Take the memory."""
+    return Quad(*np.zeros((14, 4)), np.zeros((4, 2)), np.zeros((POOLED_ROWS, 3)))
 
 
 class Scratch(NamedTuple):
@@ -46,10 +73,13 @@ class Scratch(NamedTuple):
     right: FloatArray  # (4,) and their right side
     coupled: FloatArray  # (3, 4) and how BLUR, WIDTH and LIGHT are coupled to their unknowns
     segments: FloatArray  # (SEGMENTS, 4) place along the side (-0.5 .. 0.5), offset, variance, and that of unit noise
+    misfit: FloatArray  # (SEGMENTS,) what the model leaves over beyond noise
     fresh: FloatArray  # (FRESH_ROWS, 3) RIGHT, OWN, CROSS of BLUR and WIDTH, of the last edge fitted,
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
     templates: Templates
     strips: Strips
+    quad: Quad
+    sizes: FloatArray  # (2, SIZE_SUMS) of the whole cells' extents, see standing_in
 
 
 def make_scratch() -> Scratch:
@@ -57,10 +87,10 @@ def make_scratch() -> Scratch:
     total, place, square, number = np.zeros((4, BINS))
     fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((3, 4))
     fresh, pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
-    return Scratch(*fit, np.zeros((SEGMENTS, 4)), fresh, pooled, make_templates(), make_strips())
+    return Scratch(*fit, np.zeros((SEGMENTS, 4)), np.zeros(SEGMENTS), fresh, pooled, make_templates(), make_strips(), make_quad(), np.zeros((2, SIZE_SUMS)))
 
 
-@kernel
+@tick_kernel
 def solve(A: FloatArray, b: FloatArray, n: int) -> bool:
     """Solve the symmetric A x = b in place by Cholesky; A keeps its factor, b becomes x. False if A is not definite."""
     for i in range(n):
@@ -85,7 +115,7 @@ def solve(A: FloatArray, b: FloatArray, n: int) -> bool:
     return True
 
 
-@kernel
+@tick_kernel
 def gather(
     image: Image,
     ends: tuple[Point, Point],

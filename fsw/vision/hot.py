@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.rig import FloatArray, distort_point
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -15,13 +15,13 @@ HOT_RUN = 2  # rows side by side that may be hot
 LEAST_LINE_PX = HOT_RUN + 2.0  # of a line along rows, that it should not look like hot rows itself
 
 
-@kernel
+@tick_kernel
 def full_scale(image: Image) -> int:
     """Largest value of an 8 or 16 bit pixel."""
     return 255 if image.itemsize == 1 else 65535
 
 
-@kernel
+@tick_kernel
 def is_hot(image: Image, x: int, y: int) -> bool:
     """Whether a pixel is a hot row's."""
     full = full_scale(image)
@@ -35,7 +35,7 @@ def is_hot(image: Image, x: int, y: int) -> bool:
     return run <= HOT_RUN
 
 
-@kernel
+@tick_kernel
 def runs_along_hot_row(
     image: Image, intrinsics: FloatArray, distortion: FloatArray, start: FloatArray, end: FloatArray, reach_px: float
 ) -> bool:

@@ -11,7 +11,7 @@ from fsw.vision.lanes import weigh, weigh_squares
 from fsw.vision.sides import MIN_CONTRAST, NOISE_GATE, Lens, inset_px, share_noise
 from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
 from fsw.vision.templates import ACROSS, BLURRING, INSIDE, LINE, PHASES, PROBE_PX, SHIFT, STEP, table_of
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # every so many strips are asked for what the model leaves over
@@ -24,7 +24,7 @@ COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
 JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL = 5, 6, 7, 8, 9
 
 
-@kernel
+@tick_kernel
 def match_strips(
     strips: Strips,
     way: Way,
@@ -74,7 +74,7 @@ def match_strips(
         sums[piece, BLUR_NUM], sums[piece, BLUR_DEN], sums[piece, CELL] = blur_num, blur_den, cell
 
 
-@kernel
+@tick_kernel
 def match_segments(
     image: Image,
     lens: Lens,

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 OWN_SHARE = 0.45  # of a cell's extent: what lies as near to a side is its own, not the side across's
 
 
-@kernel
+@tick_kernel
 def corner_depths(c: FloatArray, depth: FloatArray) -> None:
     """Write the depths (4,) of a flat cell's corners, as its image c (4, 2) tells them: the first corner's is 1.
 
@@ -25,7 +25,7 @@ def corner_depths(c: FloatArray, depth: FloatArray) -> None:
     depth[0], depth[1], depth[2], depth[3] = 1.0, 1.0 + g, 1.0 + g + h, 1.0 + h
 
 
-@kernel
+@tick_kernel
 def crossing(c: FloatArray) -> tuple[float, float]:
     """Where the diagonals of a quadrangle c (4, 2) meet: the projection of a flat cell's centre."""
     dx, dy = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1]
@@ -34,7 +34,7 @@ def crossing(c: FloatArray) -> tuple[float, float]:
     return c[0, 0] + t * dx, c[0, 1] + t * dy
 
 
-@kernel
+@tick_kernel
 def side_normal(c: FloatArray, k: int) -> tuple[float, float, float]:
     """Length of side k of a quadrangle c (4, 2), and its unit normal: outwards where the corners turn from x to y."""
     k1 = (k + 1) % 4
@@ -43,7 +43,7 @@ def side_normal(c: FloatArray, k: int) -> tuple[float, float, float]:
     return length, ey / length, -ex / length
 
 
-@kernel
+@tick_kernel
 def sample_lean(c: FloatArray, k: int, far: int) -> float:
     """How fast, in px for a px, samples across side k of a quadrangle c (4, 2) near the side from it to corner `far`.
 
@@ -59,7 +59,7 @@ def sample_lean(c: FloatArray, k: int, far: int) -> float:
     return abs(side - sample)
 
 
-@kernel
+@tick_kernel
 def extent_across(c: FloatArray, k: int, nx: float, ny: float) -> float:
     """Extent of a cell of corners c (4, 2) from side k to the side across, along side k's outward normal."""
     k1, k2, k3 = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4
@@ -67,7 +67,7 @@ def extent_across(c: FloatArray, k: int, nx: float, ny: float) -> float:
     return 0.5 * (x * nx + y * ny)
 
 
-@kernel
+@tick_kernel
 def centre_share(nx: FloatArray, ny: FloatArray, k: int) -> tuple[float, float]:
     """By how much the corners' mean moves when side k moves by 1 px along its normal; nx, ny (4,): all normals."""
     j, i = (k + 3) % 4, (k + 1) % 4
@@ -76,7 +76,7 @@ def centre_share(nx: FloatArray, ny: FloatArray, k: int) -> tuple[float, float]:
     return 0.25 * (ny[i] / after - ny[j] / before), 0.25 * (nx[j] / before - nx[i] / after)
 
 
-@kernel
+@tick_kernel
 def line_width(c: FloatArray, depth: FloatArray, at: int, far: int, ratio: float, nx: float, ny: float) -> float:
     """How far outwards of a side, in px, the neighbour begins, on the cell's edge from corner `far` to corner `at`.
 
@@ -86,7 +86,7 @@ def line_width(c: FloatArray, depth: FloatArray, at: int, far: int, ratio: float
     return ratio * away * depth[far] / (depth[at] + ratio * (depth[at] - depth[far]))
 
 
-@kernel
+@tick_kernel
 def mean_gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> float:
     """Mean distance from an edge per pixel along the image axis across it, of the sides along X (0) or along Y (1)."""
     gain, count = 0.0, 0
@@ -99,7 +99,7 @@ def mean_gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> f
     return gain / count if count > 0 else 1.0
 
 
-@kernel
+@tick_kernel
 def least_plateau(expected_px: FloatArray, wanted: NDArray[np.bool_], line_ratio: FloatArray, row: int) -> float:
     """Least width of the lines across the sides along X (0) or along Y (1), up to the part of a cell that is its own.
 

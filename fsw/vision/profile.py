@@ -18,7 +18,7 @@ from fsw.vision.edges import (
     Scratch,
     solve,
 )
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 FIT_STEPS = 6  # Gauss-Newton steps of one edge model, at most
 SETTLED_PX = 2e-3  # a step shorter than this is the last but one: the next is shorter than its square
@@ -52,7 +52,7 @@ class EdgeFit(NamedTuple):
 _NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@kernel
+@tick_kernel
 def fit_profile(
     scratch: Scratch, step: FloatArray, noise: FloatArray, width_px: float, blur_px: float, whole: bool
 ) -> EdgeFit:
@@ -197,7 +197,7 @@ def fit_profile(
     return EdgeFit(True, offset, *variances, inside, line, residual, by_blur, by_width, by_light)
 
 
-@kernel
+@tick_kernel
 def _regress(fresh: FloatArray, grey: float, square: float, weight: float) -> None:
     """Add one bin's mean grey value and the square of what is left of a pixel in it."""
     fresh[2, 0] += weight

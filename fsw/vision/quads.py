@@ -13,12 +13,12 @@ from fsw.vision.edges import (
     CROSS,
     MAX_WALK_PX,
     OWN,
-    POOLED_ROWS,
     RIGHT,
     WIDTH_ALONG_X,
     WIDTH_ALONG_Y,
     FloatArray,
     Image,
+    Quad,
     Scratch,
 )
 from fsw.vision.hot import runs_along_hot_row
@@ -35,9 +35,9 @@ from fsw.vision.perspective import (
     side_normal,
 )
 from fsw.vision.sides import Lens, fit_segments, straight_side
-from fsw.vision.standing_in import SUMS, add_size, is_inside, learn_size, stand_in
+from fsw.vision.standing_in import add_size, is_inside, learn_size, stand_in
 from fsw.vision.templates import fill_templates
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 WINDOW_SIGMAS = 4.0  # the window holds the whole blurred step ...
 WINDOW_PX = 2.0  # ... and this much of the plateau beyond
@@ -51,7 +51,7 @@ UNEVEN = 0.5  # of what light that grows across a cell shifts sides by: it may g
 MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is known better
 
 
-@kernel
+@tick_kernel
 def measure_cells(
     image: Image,
     lens: Lens,
@@ -81,18 +81,14 @@ def measure_cells(
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
-    sharpened = np.zeros(2)  # what an edge seems shifted by if the templates are blurred by 1 px more
     for row in range(2):
         gain, plateau = mean_gain(expected_px, wanted, row), least_plateau(expected_px, wanted, line_ratio, row)
         room = plateau - FAR_SIGMAS * lens.blur_px - MATCHED_PX
         fill_templates(lens.step, lens.blur_px, gain, room, row, scratch.templates)
-        sharpened[row] = -gain * scratch.templates.blurred[row]
-    nx, ny, lengths, extents, depth = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    scratch.sizes[:] = 0.0
     intrinsics, distortion = lens.intrinsics, lens.distortion
-    flat, sizes, agreed = np.zeros((4, 2)), np.zeros((2, SUMS)), np.zeros((POOLED_ROWS, 3))
-    middle, slope, variance = np.zeros(4), np.zeros(4), np.zeros(4)
-    by_blur, by_width, weight, cross = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    bright, by_light = np.zeros(4), np.zeros(4)
+    nx, ny, lengths, extents, depth, middle, slope, variance = scratch.quad[:8]
+    by_blur, by_width, weight, cross, bright, by_light, flat, agreed = scratch.quad[8:]
     for n in order:
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
         out.corners_px[n] = np.nan
@@ -103,10 +99,11 @@ def measure_cells(
         if not wanted[n]:
             continue
         c = expected_px[n]
-        flat[:] = c - deviation_px[n]
+        for k in range(4):
+            flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
         corner_depths(flat, depth)
         hidden, which, squares, contrast = 0, -1, 0.0, 0.0
-        agreed[:] = scratch.pooled
+        copy(scratch.pooled, agreed)
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
         for k in range(4):
@@ -137,7 +134,9 @@ def measure_cells(
             plain = plain and not runs_along_hot_row(image, intrinsics, distortion, c[k], c[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
-            by_blur[k], by_width[k] = sharpened[k % 2] if plain else 0.0, 0.0
+            # Templates blurred by 1 px more would show the edge shifted.
+            by_blur[k] = -scratch.templates.gain[k % 2] * scratch.templates.blurred[k % 2] if plain else 0.0
+            by_width[k] = 0.0
             weight[k], cross[k] = scratch.pooled[row, OWN], scratch.pooled[row, CROSS]
             m, s, v, r, ok = 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
@@ -181,19 +180,13 @@ def measure_cells(
             squares += r * r
             contrast += bright[k]
         if hidden > 0:
-            scratch.pooled[:] = agreed  # whatever hides a side may also lie over the others
+            copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
         if hidden > 1:
             continue
         for k in range(2):
-            if hidden == 0 or which % 2 != k:
-                # Light that grows across the cell, as the lines' contrast tells, feigns a shift where it is brighter.
-                k2 = k + 2
-                grows = 2.0 * (bright[k] - bright[k2]) / ((bright[k] + bright[k2]) * extents[k])
-                if abs(grows) * extents[k] > EVEN_LIGHT:
-                    continue
-                ahead, behind = by_light[k] * grows, -by_light[k2] * grows
-                middle[k], variance[k] = middle[k] - ahead, variance[k] + (UNEVEN * ahead) ** 2
-                middle[k2], variance[k2] = middle[k2] - behind, variance[k2] + (UNEVEN * behind) ** 2
+            out.paired[n, k] = hidden == 0 or which % 2 != k
+            if out.paired[n, k]:
+                correct_light(scratch.quad, k)
         if hidden == 0:
             # The lines were expected too narrow by as much as the cell was.
             for k in range(2):
@@ -203,7 +196,7 @@ def measure_cells(
                 scratch.pooled[1 + k, RIGHT] -= grown * (weight[k] + weight[k2])
                 scratch.pooled[BLUR, RIGHT] -= grown * (cross[k] + cross[k2])
                 measured, noise = extents[k] + middle[k] + middle[k2], variance[k] + variance[k2]
-                add_size(size, k, extent_across(flat, k, nx[k], ny[k]), measured, noise, sizes)
+                add_size(size, k, extent_across(flat, k, nx[k], ny[k]), measured, noise, scratch.sizes)
         else:
             k, k1, k2 = which, (which + 1) % 4, (which + 2) % 4
             covered = is_inside(image, lens, c[k, 0], c[k, 1]) and is_inside(image, lens, c[k1, 0], c[k1, 1])
@@ -222,6 +215,24 @@ def measure_cells(
         out.residual_px[n] = math.sqrt(squares / (4 - hidden))
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
-        for k in range(2):
-            out.paired[n, k] = hidden == 0 or which % 2 != k
-    learn_size(size, sizes)
+    learn_size(size, scratch.sizes)
+
+
+@tick_kernel
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy an array (n, m), element by element: a slice would make room for a second copy."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@tick_kernel
+def correct_light(quad: Quad, k: int) -> None:
+    """Take off sides k and k + 2 what light feigns: where it is brighter, as the lines' contrast tells, they shift."""
+    k2, extent = k + 2, quad.extent[k]
+    grows = 2.0 * (quad.bright[k] - quad.bright[k2]) / ((quad.bright[k] + quad.bright[k2]) * extent)
+    if abs(grows) * extent > EVEN_LIGHT:
+        return
+    for side, shift in ((k, quad.by_light[k] * grows), (k2, -quad.by_light[k2] * grows)):
+        quad.middle[side] -= shift
+        quad.variance[side] += (UNEVEN * shift) ** 2

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wingbeat.kernels import kernel
+from wingbeat.kernels import kernel, tick_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def eyes_of(rig: StereoRig) -> Eyes:
     return Eyes(projection, rig.intrinsics, rig.distortion, rig.size, view, rig.fundamental())
 
 
-@kernel
+@tick_kernel
 def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, float]:
     """Image pixel of an ideal pixel, and whether it lies in the image.
 
@@ -103,7 +103,7 @@ def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, 
     return inside, x, y
 
 
-@kernel
+@tick_kernel
 def project(P: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Pixel and depth of a point."""
     w = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
@@ -113,7 +113,7 @@ def project(P: FloatArray, x: float, y: float, z: float) -> tuple[float, float, 
     return u, v, w
 
 
-@kernel
+@tick_kernel
 def distort_point(
     u: float, v: float, intrinsics: FloatArray, k: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
@@ -138,7 +138,7 @@ def distort_point(
     )
 
 
-@kernel
+@tick_kernel
 def undistort_point(u: float, v: float, intrinsics: FloatArray, k: FloatArray) -> tuple[float, float]:
     """Ideal pixel of the image pixel (u, v), by Newton's method on distort_point."""
     x, y = u, v

@@ -18,7 +18,7 @@ from fsw.vision.edges import (
 from fsw.vision.hot import LEAST_LINE_PX
 from fsw.vision.profile import fit_profile
 from fsw.vision.rig import distort_point
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
 SEGMENT_COLUMNS = 6.0  # that a segment should have, before any are left out
@@ -43,7 +43,7 @@ class Lens(NamedTuple):
     noise: FloatArray
 
 
-@kernel
+@tick_kernel
 def inset_px(length_px: float, blur_px: float, lean_px: float = 0.0) -> float:
     """How much of a side is left out at either end, where the corner's blur is seen.
 
@@ -52,7 +52,7 @@ def inset_px(length_px: float, blur_px: float, lean_px: float = 0.0) -> float:
     return min(0.25 * length_px, max(3.0 * blur_px + 1.0 + lean_px, 0.06 * length_px))
 
 
-@kernel
+@tick_kernel
 def fit_segments(
     image: Image,
     lens: Lens,
@@ -79,7 +79,7 @@ def fit_segments(
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
     wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
-    misfit = np.zeros(SEGMENTS)
+    misfit = scratch.misfit
     found, contrast, by_light, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
@@ -118,7 +118,7 @@ def fit_segments(
     return pieces, found, contrast / good, by_light / good, by_blur / good, by_width / good
 
 
-@kernel
+@tick_kernel
 def _pool(scratch: Scratch, width_row: int) -> None:
     """Add what the last edge says of blur and width to what all do."""
     for i in range(3):
@@ -128,7 +128,7 @@ def _pool(scratch: Scratch, width_row: int) -> None:
             scratch.pooled[COMMON + row, i] += scratch.fresh[2 + row, i]
 
 
-@kernel
+@tick_kernel
 def share_noise(segments: FloatArray, count: int) -> None:
     """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
 
@@ -147,7 +147,7 @@ def share_noise(segments: FloatArray, count: int) -> None:
         segments[i, 2] = segments[i, 3] * own + LEAST_VARIANCE
 
 
-@kernel
+@tick_kernel
 def _middle(segments: FloatArray, count: int) -> float:
     """Noise, segments[:, 2], of the segment that as many are quieter than as are noisier; of two such the quieter's."""
     for i in range(count):
@@ -160,7 +160,7 @@ def _middle(segments: FloatArray, count: int) -> float:
     return 0.0
 
 
-@kernel
+@tick_kernel
 def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float, float, float]:
     """Weighted straight line through segment offsets: good, offset at the middle, slope, its variance there, residual.
 

@@ -9,7 +9,7 @@ is covered by something that may disturb the side across as well: there the size
 from fsw.vision.edges import FloatArray, Image
 from fsw.vision.rig import distort_point
 from fsw.vision.sides import Lens
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share, as told, and beside what covers a side
 # Hidden sides lie at the view's rim, where the surface's slope is least sure:
@@ -17,21 +17,20 @@ LEAST_SIGMA = 1e-4  # the size is known no better than this, however little the 
 RIM = 2.0  # and is off by so many times as much as theirs
 LEAST_CELLS = 12
 SLOPE = 2e-3  # that the surface may have wrong at the rim beside a fold: a cell seen askew changes its extent with it
-SUMS = 4  # of a direction: cells, sum and squares of their shares beyond the known one, variance that noise explains
 
 
-@kernel
+@tick_kernel
 def forget_size(size: FloatArray) -> None:
     """Set size (2, 2), share of the expected extent and its variance, along Y and along X, to what is told."""
     for row in range(2):
         size[row, 0], size[row, 1] = 1.0, SHAPE_SIGMA * SHAPE_SIGMA
 
 
-@kernel
+@tick_kernel
 def add_size(
     size: FloatArray, row: int, expected_px: float, measured_px: float, noise_px2: float, sums: FloatArray
 ) -> None:
-    """Add one whole cell's extent, and the variance that its two sides have, to sums (2, SUMS)."""
+    """Add one whole cell's extent, and the variance that its two sides have, to sums (2, SIZE_SUMS)."""
     beyond = measured_px / expected_px - size[row, 0]
     sums[row, 0] += 1.0
     sums[row, 1] += beyond
@@ -39,7 +38,7 @@ def add_size(
     sums[row, 3] += noise_px2 / (expected_px * expected_px)
 
 
-@kernel
+@tick_kernel
 def learn_size(size: FloatArray, sums: FloatArray) -> None:
     """Take over the cells' mean size, and how far they were off what was known before: the next tick will be, too."""
     for row in range(2):
@@ -51,14 +50,14 @@ def learn_size(size: FloatArray, sums: FloatArray) -> None:
         size[row, 1] = max(RIM * RIM * (sums[row, 2] - sums[row, 3]) / count, LEAST_SIGMA * LEAST_SIGMA)
 
 
-@kernel
+@tick_kernel
 def is_inside(image: Image, lens: Lens, u: float, v: float) -> bool:
     """Whether an ideal pixel lies in the image."""
     x, y, _, _, _, _ = distort_point(u, v, lens.intrinsics, lens.distortion)
     return 0.0 <= x <= image.shape[1] - 1.0 and 0.0 <= y <= image.shape[0] - 1.0
 
 
-@kernel
+@tick_kernel
 def stand_in(
     size: FloatArray,
     row: int,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader
 from fsw.vision.rig import distort_point
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[Any]
@@ -56,7 +56,7 @@ class Way(NamedTuple):
     taps: int
 
 
-@kernel
+@tick_kernel
 def follow(
     start: Point, end: Point, normal: Point, intrinsics: FloatArray, distortion: FloatArray
 ) -> tuple[bool, float, float, float, Curve]:
@@ -80,14 +80,14 @@ def follow(
     return vertical, gain, a0, a2, (a1, c1, after - bend * (a2 - a1), bend)
 
 
-@kernel
+@tick_kernel
 def place_at(curve: Curve, along: float) -> float:
     """Where a curve stands across, at a place along the image."""
     t = along - curve[0]
     return curve[1] + t * (curve[2] + t * curve[3])
 
 
-@kernel
+@tick_kernel
 def strip_columns(slope: float, columns: int) -> int:
     """Columns summed to a strip, 4, 2 or 1, of a side of this slope against the image and so many columns."""
     each = MOST_COLUMNS
@@ -96,13 +96,13 @@ def strip_columns(slope: float, columns: int) -> int:
     return each
 
 
-@kernel
+@tick_kernel
 def drift_variance(slope: float, each: int) -> float:
     """Variance of an edge's place over the columns of a strip, by which the strip looks more blurred."""
     return slope * slope * (each * each - 1) / 12.0
 
 
-@kernel
+@tick_kernel
 def way_along(vertical: bool, outwards: bool, begin: float, stop: float, slope: float, taps: int) -> Way:
     """Cut a side from `begin` to `stop` along the image into strips."""
     first = math.ceil(min(begin, stop))
@@ -116,13 +116,13 @@ def way_along(vertical: bool, outwards: bool, begin: float, stop: float, slope: 
     return Way(vertical, outwards, first, strips, each, span, taps)
 
 
-@kernel
+@tick_kernel
 def column_of(way: Way, strip: int) -> int:
     """First column of a strip."""
     return way.first + strip // LANES * way.span + strip % LANES * way.each
 
 
-@kernel
+@tick_kernel
 def read_strips(image: Image, curve: Curve, way: Way, out: Strips) -> None:
     """Read the strips of a side that the image shows."""
     half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
@@ -145,7 +145,7 @@ def read_strips(image: Image, curve: Curve, way: Way, out: Strips) -> None:
             _read_rows(image, way, i, limit, out)
 
 
-@kernel
+@tick_kernel
 def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
     """Read LANES strips that lie side by side along image rows."""
     end = min(strip + LANES, way.strips)
@@ -175,7 +175,7 @@ def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -
             _one_column(image, y, x, z, out.lines, s, p)
 
 
-@kernel
+@tick_kernel
 def _read_rows(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
     """Read LANES strips that lie one below the other."""
     none = np.uintp(0)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.blur import look_up
 from fsw.vision.lanes import LANES
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +50,7 @@ class Templates(NamedTuple):
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
     sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
+    work: FloatArray  # (7, LANES) four templates, an edge shifted to either side, and pixels' weights, being filled
 
 
 def make_templates() -> Templates:
@@ -65,16 +66,17 @@ def make_templates() -> Templates:
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
         np.zeros((MOST_SEGMENTS, SUMS)),
+        np.zeros((7, LANES)),
     )
 
 
-@kernel
+@tick_kernel
 def table_of(row: int, outwards: bool) -> int:
     """Which table serves a side whose pixels, in the image's order, are taken outwards or inwards."""
     return row if outwards else row + 2
 
 
-@kernel
+@tick_kernel
 def choose_taps(blur_px: float, gain: float, room_px: float) -> int:
     """Pixels across an edge: more, where lines leave room_px of them on either side; 0 if the blur is too wide."""
     least = max(math.ceil(REACH_SIGMAS * blur_px / gain + REACH_PX), LEAST_HALF)
@@ -82,7 +84,7 @@ def choose_taps(blur_px: float, gain: float, room_px: float) -> int:
     return 2 * half if half >= least else 0
 
 
-@kernel
+@tick_kernel
 def noise_ratio(noise: FloatArray) -> float:
     """Variance of a pixel on the line over that of one on the cell; 1 before any has told it."""
     if noise[INSIDE] <= 0.0:
@@ -90,7 +92,7 @@ def noise_ratio(noise: FloatArray) -> float:
     return min(max(noise[LINE] / noise[INSIDE], 1.0 / NOISE_RANGE), NOISE_RANGE)
 
 
-@kernel
+@tick_kernel
 def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float, row: int, out: Templates) -> None:
     """Fill the templates of one direction of sides, by the noise that the last tick's pixels had there.
 
@@ -107,7 +109,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
         out.weight[table] = 0.0
         out.pixel_weight[table] = 0.0
     half = taps // 2
-    basis, ahead, behind, pixel = np.empty((4, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    basis, ahead, behind, pixel = out.work[:4], out.work[4], out.work[5], out.work[6]
     probed_ahead, probed_behind, blurred, lit_cell, lit_line = 0.0, 0.0, 0.0, 0.0, 0.0
     for phase in range(PHASES):
         total = 0.0
@@ -150,7 +152,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
     out.blurred[row], out.lit[row, INSIDE], out.lit[row, LINE] = blurred, lit_cell, lit_line
 
 
-@kernel
+@tick_kernel
 def _orthonormal(basis: FloatArray, pixel: FloatArray, taps: int, scale: FloatArray) -> float:
     """Make level, step, shift and blurring orthonormal under the pixels' weights, in this order (Gram and Schmidt).
 
@@ -178,7 +180,7 @@ def _orthonormal(basis: FloatArray, pixel: FloatArray, taps: int, scale: FloatAr
     return share
 
 
-@kernel
+@tick_kernel
 def _probe(weight: NDArray[np.float32], edge: FloatArray, taps: int) -> float:
     """Linear shift that the templates make of an edge's pixels."""
     step, shift = 0.0, 0.0
