@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.ahead import Ahead, make_ahead
 from fsw.vision.hot import is_hot
 from fsw.vision.strips import Strips, make_strips
 from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
@@ -78,6 +79,7 @@ class Scratch(NamedTuple):
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
     templates: Templates
     strips: Strips
+    ahead: Ahead
     quad: Quad
     sizes: FloatArray  # (2, SIZE_SUMS) of the whole cells' extents, see standing_in
 
@@ -87,7 +89,7 @@ def make_scratch() -> Scratch:
     total, place, square, number = np.zeros((4, BINS))
     fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((3, 4))
     fresh, pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
-    return Scratch(*fit, np.zeros((SEGMENTS, 4)), np.zeros(SEGMENTS), fresh, pooled, make_templates(), make_strips(), make_quad(), np.zeros((2, SIZE_SUMS)))
+    return Scratch(*fit, np.zeros((SEGMENTS, 4)), np.zeros(SEGMENTS), fresh, pooled, make_templates(), make_strips(), make_ahead(), make_quad(), np.zeros((2, SIZE_SUMS)))
 
 
 @tick_kernel

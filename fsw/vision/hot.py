@@ -51,9 +51,9 @@ def runs_along_hot_row(
     height, width = image.shape
     first, last = int(max(min(y0, y1) - reach_px, 0.0)), int(min(max(y0, y1) + reach_px, height - 1.0))
     for y in range(first, last + 1):
-        places = 0
+        hot = True
         for share in (0.25, 0.5, 0.75):
-            places += is_hot(image, int(min(max(x0 + share * (x1 - x0), 0.0), width - 1.0)), y)
-        if places == 3:
+            hot = hot and is_hot(image, int(min(max(x0 + share * (x1 - x0), 0.0), width - 1.0)), y)
+        if hot:
             return True
     return False

@@ -22,6 +22,7 @@ SquareWeigher = Callable[[Lines, Index, Index, Lines, Index, Index], float]
 
 LANES = 16  # strips read at once, and pixels weighed at once
 ROWS = 8  # read at once
+_BYTES = ir.IntType(8).as_pointer()
 _INDEX, _FLOAT, _SUM = ir.IntType(32), ir.FloatType(), ir.VectorType(ir.IntType(32), LANES)
 
 
@@ -89,6 +90,28 @@ def make_row_reader(each: int) -> Reader:
         return signature, generate
 
     return cast(Reader, read)
+
+
+@intrinsic
+def _prefetch(_: Any, image: Any, row: Any, offset: Any) -> Any:
+    """Ask for the line of the cache that holds the byte at an offset in an image's row, and do not wait for it."""
+    signature = types.void(image, types.intp, types.intp)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        image, row, offset = args
+        array = context.make_array(signature.args[0])(context, builder, image)
+        stride = cgutils.unpack_tuple(builder, array.strides)[0]
+        place = builder.add(builder.mul(row, stride), offset)
+        kind = ir.FunctionType(ir.VoidType(), [_BYTES, _INDEX, _INDEX, _INDEX])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        address = builder.inttoptr(builder.add(builder.ptrtoint(array.data, place.type), place), _BYTES)
+        builder.call(function, [address, _INDEX(0), _INDEX(3), _INDEX(1)])  # to read, into the nearest cache, data
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+prefetch = cast(Callable[[NDArray[Any], int, int], None], _prefetch)
 
 
 @intrinsic

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.ahead import Ahead, ask
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.lanes import weigh, weigh_squares
@@ -35,10 +36,13 @@ def match_strips(
     scale: FloatArray,
     noise: FloatArray,
     sums: FloatArray,
+    image: Image,
+    ahead: Ahead,
 ) -> None:
     """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
 
-    row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels.
+    row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels. With
+    each strip, the image is asked for more of what is ahead.
     """
     lines, starts, places, last = strips.lines, strips.start, strips.place, way.taps - 1
     table = np.uintp(table_of(row, way.outwards))
@@ -46,6 +50,7 @@ def match_strips(
         count, judged, sb, sbb, sbc, scc = 0, 0, 0.0, 0.0, 0.0, 0.0
         rest, blur_num, blur_den, cell = 0.0, 0.0, 0.0, 0.0
         for i in range(way.strips * piece // pieces, way.strips * (piece + 1) // pieces):
+            ask(image, ahead)
             start = starts[i]
             if start < 0:
                 continue
@@ -111,7 +116,7 @@ def match_segments(
     seeming = scratch.templates.blurred[row] * wider
     sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
-    match_strips(scratch.strips, way, row, pieces, weight, own, scale, noise, sums)
+    match_strips(scratch.strips, way, row, pieces, weight, own, scale, noise, sums, image, scratch.ahead)
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
     found, contrast, by_light = 0, 0.0, 0.0
     for piece in range(pieces):

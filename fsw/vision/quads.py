@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.ahead import look_ahead
 from fsw.vision.corners import Cells, add_pull, corners_and_centre
 from fsw.vision.edges import (
     BIN_PX,
@@ -89,7 +90,8 @@ def measure_cells(
     intrinsics, distortion = lens.intrinsics, lens.distortion
     nx, ny, lengths, extents, depth, middle, slope, variance = scratch.quad[:8]
     by_blur, by_width, weight, cross, bright, by_light, flat, agreed = scratch.quad[8:]
-    for n in order:
+    for place in range(len(order)):
+        n = order[place]
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
         out.corners_px[n] = np.nan
         out.centre_px[n] = np.nan
@@ -98,7 +100,8 @@ def measure_cells(
         out.contrast[n] = np.nan
         if not wanted[n]:
             continue
-        c = expected_px[n]
+        c, following = expected_px[n], next_wanted(order, wanted, place)
+        look_ahead(image, expected_px[following], intrinsics, distortion, scratch.ahead)
         for k in range(4):
             flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
         corner_depths(flat, depth)
@@ -216,6 +219,15 @@ def measure_cells(
         out.contrast[n] = contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
     learn_size(size, scratch.sizes)
+
+
+@tick_kernel
+def next_wanted(order: NDArray[np.int64], wanted: NDArray[np.bool_], place: int) -> int:
+    """The wanted cell that comes next in order; the same one, if none does."""
+    for later in range(place + 1, len(order)):
+        if wanted[order[later]]:
+            return order[later]
+    return order[place]
 
 
 @tick_kernel
