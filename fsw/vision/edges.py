@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.ahead import Ahead, make_ahead
-from fsw.vision.hot import is_hot
+from fsw.vision.hot import full_scale, is_hot
 from fsw.vision.strips import Strips, make_strips
 from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
 from wingbeat.kernels import tick_kernel
@@ -25,16 +25,19 @@ Point = tuple[float, float]
 BIN_PX = 0.5  # fine against the blur of any lens with its pixel, coarse against the cost
 BINS = 64  # 32 px: the widest window, in bins
 SEGMENTS = MOST_SEGMENTS  # at most, on a side
+CUT_OFF = 0.02  # part of a segment's pixels that may be stuck at full scale
 MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else's
 
 # What all edges of an eye have in common, in the order of Scratch.pooled: the blur, and the relative width of the lines
 # that run along X (sides 0 and 2) and along Y (sides 1 and 3). Of one edge, in Scratch.fresh: the blur and its line's.
 BLUR, WIDTH, WIDTH_ALONG_X, WIDTH_ALONG_Y, COMMON = 0, 1, 1, 2, 3
-LIGHT = 2  # in Scratch.coupled: light that grows by its whole per px outwards
+LIGHT, ADDED = 2, 3  # in Scratch.coupled: light that grows by its whole per px outwards, and by a grey value laid over
 RIGHT, OWN, CROSS = 0, 1, 2  # of their normal equations: right side, diagonal, and what couples a width to the blur
 # Two more rows regress the squares e of what edges leave over on the grey values y: sums of 1, y, y^2, and of e, e y.
 POOLED_ROWS, FRESH_ROWS = COMMON + 2, 4
-SIZE_SUMS = 4  # of a direction: cells, sum and squares of their shares beyond the known one, variance that noise explains
+SIZE_SUMS = (
+    4  # of a direction: cells, sum and squares of their shares beyond the known one, variance that noise explains
+)
 
 
 class Quad(NamedTuple):
@@ -72,9 +75,10 @@ class Scratch(NamedTuple):
     number: FloatArray  # (BINS,) and how many
     normal: FloatArray  # (4, 4) normal equations
     right: FloatArray  # (4,) and their right side
-    coupled: FloatArray  # (3, 4) and how BLUR, WIDTH and LIGHT are coupled to their unknowns
+    coupled: FloatArray  # (4, 4) and how BLUR, WIDTH, LIGHT and ADDED are coupled to their unknowns
     segments: FloatArray  # (SEGMENTS, 4) place along the side (-0.5 .. 0.5), offset, variance, and that of unit noise
-    misfit: FloatArray  # (SEGMENTS,) what the model leaves over beyond noise
+    misfit: FloatArray  # (SEGMENTS,) variance by what the model leaves over beyond noise,
+    feigned2: FloatArray  # (SEGMENTS,) and by what light laid over the edge may feign
     fresh: FloatArray  # (FRESH_ROWS, 3) RIGHT, OWN, CROSS of BLUR and WIDTH, of the last edge fitted,
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
     templates: Templates
@@ -87,9 +91,20 @@ class Scratch(NamedTuple):
 def make_scratch() -> Scratch:
     """Take the working memory."""
     total, place, square, number = np.zeros((4, BINS))
-    fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((3, 4))
+    fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((4, 4))
     fresh, pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
-    return Scratch(*fit, np.zeros((SEGMENTS, 4)), np.zeros(SEGMENTS), fresh, pooled, make_templates(), make_strips(), make_ahead(), make_quad(), np.zeros((2, SIZE_SUMS)))
+    return Scratch(
+        *fit,
+        np.zeros((SEGMENTS, 4)),
+        *np.zeros((2, SEGMENTS)),
+        fresh,
+        pooled,
+        make_templates(),
+        make_strips(),
+        make_ahead(),
+        make_quad(),
+        np.zeros((2, SIZE_SUMS)),
+    )
 
 
 @tick_kernel
@@ -127,13 +142,13 @@ def gather(
     stride: int,
     without_hot: bool,
     scratch: Scratch,
-) -> bool:
+) -> tuple[bool, bool]:
     """Sort the pixels round the image line between `ends` into bins of their distance from it.
 
     Pixels are taken whole, along image columns (vertical) or rows, so that no interpolation blurs or correlates them.
     gain: ideal distance from the edge per image pixel along that axis. window_px: reach inwards and outwards.
     without_hot: leave out what a hot row shows, no line here being as thin.
-    Returns whether the window lay inside the image.
+    Returns whether the window lay inside the image, and whether it shows light cut off at full scale.
     """
     total, place, square, count = scratch.total, scratch.place, scratch.square, scratch.number
     inner_px, outer_px = window_px
@@ -149,7 +164,7 @@ def gather(
     lo, hi = (a0, a1) if a0 < a1 else (a1, a0)
     reach_in, reach_out = inner_px / abs(gain), outer_px / abs(gain)
     before, after = (reach_in, reach_out) if gain > 0 else (reach_out, reach_in)
-    inside = True
+    inside, full, taken, cut_off = True, full_scale(image), 0, 0
     for a in range(math.ceil(lo), math.floor(hi) + 1, stride):
         if a < 0 or a >= limit_along:
             inside = False
@@ -166,8 +181,10 @@ def gather(
             distance = (c - centre) * gain
             k = int((distance + inner_px) / BIN_PX)
             if 0 <= k < BINS:
+                taken += 1
+                cut_off += image[y, x] >= full
                 total[k] += image[y, x]
                 place[k] += distance
                 square[k] += distance * distance
                 count[k] += 1.0
-    return inside
+    return inside, cut_off > CUT_OFF * taken

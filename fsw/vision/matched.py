@@ -8,21 +8,38 @@ from numpy.typing import NDArray
 from fsw.vision.ahead import Ahead, ask
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
+from fsw.vision.hot import full_scale
 from fsw.vision.lanes import weigh, weigh_squares
-from fsw.vision.sides import MIN_CONTRAST, NOISE_GATE, Lens, inset_px, share_noise
+from fsw.vision.sides import CLIPPED_SHARE, MIN_CONTRAST, NOISE_GATE, NOISIER, Lens, inset_px, is_noise, share_noise
 from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
-from fsw.vision.templates import ACROSS, BLURRING, INSIDE, LINE, PHASES, PROBE_PX, SHIFT, STEP, table_of
+from fsw.vision.templates import (
+    ACROSS,
+    BLURRING,
+    BY_BENDING,
+    BY_RISING,
+    INSIDE,
+    LINE,
+    PHASES,
+    PROBE_PX,
+    RISING,
+    SHIFT,
+    STEP,
+    table_of,
+)
 from wingbeat.kernels import tick_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # every so many strips are asked for what the model leaves over
-
+UNSURE = 0.5  # of what light laid over a side feigns, for it need be no parabola
+CLIPPED = 0.98  # of full scale: a mean of pixels whose noise reaches it
+CLIPPED_PX = 3  # of the line in a strip, any of which tells
 
 # Columns of sums over a segment's strips: how many there are, the step b and c, which is b times the shift in pixels;
 COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
 # and of every JUDGED-th: how many, squares that the model leaves over, the correction of the blur and its weight, and
-# the cell's grey value.
-JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL = 5, 6, 7, 8, 9
+# the cell's grey value, products with the templates of light laid over the edge, what they say that c is off by, and
+# that one's variance over c's.
+JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL, RISES, BENDS, OFF, OFF_VARIANCE = 5, 6, 7, 8, 9, 10, 11, 12, 13
 
 
 @tick_kernel
@@ -31,6 +48,8 @@ def match_strips(
     way: Way,
     row: int,
     pieces: int,
+    judged_each: int,
+    most: float,
     weight: NDArray[np.float32],
     own: NDArray[np.float32],
     scale: FloatArray,
@@ -41,7 +60,8 @@ def match_strips(
 ) -> None:
     """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
 
-    row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels. With
+    judged_each: strips from one that is judged to the next. most: squares that the model of a judged one may leave
+    over. row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels. With
     each strip, the image is asked for more of what is ahead.
     """
     lines, starts, places, last = strips.lines, strips.start, strips.place, way.taps - 1
@@ -49,6 +69,7 @@ def match_strips(
     for piece in range(pieces):
         count, judged, sb, sbb, sbc, scc = 0, 0, 0.0, 0.0, 0.0, 0.0
         rest, blur_num, blur_den, cell = 0.0, 0.0, 0.0, 0.0
+        rises, bends, off, off_variance = 0.0, 0.0, 0.0, 0.0
         for i in range(way.strips * piece // pieces, way.strips * (piece + 1) // pieces):
             ask(image, ahead)
             start = starts[i]
@@ -59,24 +80,83 @@ def match_strips(
             s, at, p = np.uintp(i), np.uintp(start), np.uintp(phase)
             b, shift = weigh(lines, s, at, weight, table, p, np.uintp(STEP))
             c = shift - b * (place - phase - 0.5) * (1.0 / PHASES)
-            sb, sbb, sbc, scc = sb + b, sbb + b * b, sbc + b * c, scc + c * c
-            if count % JUDGED == 0:
+            if count % judged_each == 0:
                 blurring, level = weigh(lines, s, at, weight, table, p, np.uintp(BLURRING))
+                rise, bend = weigh(lines, s, at, weight, table, p, np.uintp(RISING))
                 squares = weigh_squares(lines, s, at, own, table, p)
                 step = b * scale[row, p, STEP] + shift * scale[row, p, ACROSS]
                 across, size = shift * scale[row, p, SHIFT], b * scale[row, p, BLURRING]
-                rest += squares - level * level - step * step - across * across - blurring * blurring
+                left = squares - level * level - step * step - across * across - blurring * blurring
+                if left - (rise * rise + bend * bend) * scale[row, p, SHIFT] ** 2 > most:
+                    continue
+                rest += left
                 blur_num += size * blurring
                 blur_den += size * size
                 low, high = lines[i, start + 1] - lines[i, start], lines[i, start + last] - lines[i, start + last - 1]
                 noise[row, INSIDE] += low * low if way.outwards else high * high
                 noise[row, LINE] += high * high if way.outwards else low * low
                 cell += lines[i, start] if way.outwards else lines[i, start + last]
+                by_rise, by_bend = scale[row, p, BY_RISING], scale[row, p, BY_BENDING]
+                rises, bends, off = rises + rise, bends + bend, off + by_rise * rise + by_bend * bend
+                off_variance += by_rise * by_rise + by_bend * by_bend
                 judged += 1
+            sb, sbb, sbc, scc = sb + b, sbb + b * b, sbc + b * c, scc + c * c
             count += 1
         sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC], sums[piece, CC] = count, sb, sbb, sbc, scc
         sums[piece, JUDGES], sums[piece, REST] = judged, rest
         sums[piece, BLUR_NUM], sums[piece, BLUR_DEN], sums[piece, CELL] = blur_num, blur_den, cell
+        sums[piece, RISES], sums[piece, BENDS] = rises, bends
+        sums[piece, OFF], sums[piece, OFF_VARIANCE] = off, off_variance
+
+
+@tick_kernel
+def is_clipped(strips: Strips, way: Way, strip: int, full: float) -> bool:
+    """Whether the line reads full scale in a strip, where light may be cut off."""
+    start = strips.start[strip]
+    outermost = start + way.taps - 1 if way.outwards else start
+    inwards = -1 if way.outwards else 1
+    for k in range(CLIPPED_PX if start >= 0 else 0):
+        if strips.lines[strip, outermost + k * inwards] >= CLIPPED * full * way.each:
+            return True
+    return False
+
+
+@tick_kernel
+def is_even(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> bool:
+    """Whether what the segments (found, 4) show of light laid over the edge, sums (found, SUMS), is noise.
+
+    An edge far from where the templates expect it shows more than they know; it is matched again where it was found.
+    """
+    chi2, near = 0.0, 0
+    for i in range(found):
+        if abs(segments[i, 1]) > PROBE_PX:
+            continue
+        near += 1
+        noise = segments[i, 2] * sums[i, BB] / (gain * gain)
+        chi2 += (sums[i, RISES] ** 2 + sums[i, BENDS] ** 2) / (sums[i, JUDGES] * noise)
+    return is_noise(chi2, 2 * near)
+
+
+@tick_kernel
+def least_noise(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> float:
+    """Noise of a strip's shift product in the quietest of the segments (found, 4)."""
+    least = math.inf
+    for i in range(found):
+        least = min(least, segments[i, 2] * sums[i, BB] / (gain * gain))
+    return least
+
+
+@tick_kernel
+def take_off_light(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> None:
+    """Take off the segments' offsets (found, 4) what light laid over the edge feigns, and widen them by its noise."""
+    for i in range(found):
+        if abs(segments[i, 1]) > PROBE_PX:
+            continue
+        judged, step = sums[i, JUDGES], sums[i, B] / sums[i, COUNT]
+        feigned = abs(gain) * sums[i, OFF] / (judged * step)
+        segments[i, 1] -= feigned
+        noise2 = segments[i, 2] * sums[i, BB] * sums[i, OFF_VARIANCE] / (judged * step) ** 2
+        segments[i, 2] += noise2 + (UNSURE * feigned) ** 2
 
 
 @tick_kernel
@@ -116,34 +196,56 @@ def match_segments(
     seeming = scratch.templates.blurred[row] * wider
     sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
-    match_strips(scratch.strips, way, row, pieces, weight, own, scale, noise, sums, image, scratch.ahead)
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
-    found, contrast, by_light = 0, 0.0, 0.0
-    for piece in range(pieces):
-        begun, ended = way.strips * piece // pieces, way.strips * (piece + 1) // pieces
-        count, b, bb, bc = sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC]
-        if count < SEGMENT_STRIPS or 2.0 * count < ended - begun or sign * b <= MIN_CONTRAST * count * each:
-            continue
-        step = abs(b) / (count * each)
-        if sums[piece, REST] > sums[piece, JUDGES] * (taps - 4.0) * each * (NOISE_GATE * step) ** 2:
-            continue
-        shift = bc / bb
-        variance = (sums[piece, CC] - shift * bc) / ((count - 1.0) * bb)
-        shift = shift * (1.0 + square * shift + cube * shift * shift) - seeming
-        away = abs(gain) * shift
-        middle = 0.5 * (column_of(way, begun) + column_of(way, ended - 1) + each - 1)
-        segments[found, 0] = (1.0 - 2.0 * inset) * ((middle - begin) / (stop - begin) - 0.5)
-        segments[found, 1] = min(max(away, -lens.blur_px), lens.blur_px)
-        segments[found, 2] = gain * gain * max(variance, 0.0)
-        segments[found, 3] = gain * gain / bb
-        if abs(away) < PROBE_PX:
-            # To second order a shift looks like blur: the change with blur is blur times the second derivative.
-            off = away * away / (2.0 * lens_px) + wider
-            pooled[BLUR, RIGHT] += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
-            pooled[BLUR, OWN] += sums[piece, BLUR_DEN] / each
-        cell = sums[piece, CELL] / (max(sums[piece, JUDGES], 1.0) * each)
-        by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step)))
-        contrast += step
-        found += 1
-    share_noise(segments, found)
+    full, even, most = float(full_scale(image)), True, math.inf
+    for judged_each in (JUDGED, 1):
+        match_strips(
+            scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
+        )
+        found, contrast, by_light, blur_num, blur_den = 0, 0.0, 0.0, 0.0, 0.0
+        for piece in range(pieces):
+            begun, ended = way.strips * piece // pieces, way.strips * (piece + 1) // pieces
+            count, b, bb, bc = sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC]
+            if count < SEGMENT_STRIPS or 2.0 * count < ended - begun or sign * b <= MIN_CONTRAST * count * each:
+                continue
+            step = abs(b) / (count * each)
+            if sums[piece, REST] > sums[piece, JUDGES] * (taps - 4.0) * each * (NOISE_GATE * step) ** 2:
+                continue
+            shift = bc / bb
+            variance = (sums[piece, CC] - shift * bc) / ((count - 1.0) * bb)
+            shift = shift * (1.0 + square * shift + cube * shift * shift) - seeming
+            away = abs(gain) * shift
+            middle = 0.5 * (column_of(way, begun) + column_of(way, ended - 1) + each - 1)
+            segments[found, 0] = (1.0 - 2.0 * inset) * ((middle - begin) / (stop - begin) - 0.5)
+            segments[found, 1] = min(max(away, -lens.blur_px), lens.blur_px)
+            segments[found, 2] = gain * gain * max(variance, 0.0)
+            cell = sums[piece, CELL] / (max(sums[piece, JUDGES], 1.0) * each)
+            # Of a pixel as bright as the edge's middle: where light is laid over, there is more noise.
+            brightness = max(cell + 0.5 * sign * step, 0.0)
+            segments[found, 3] = gain * gain / bb * (lens.noise[0] + lens.noise[1] * brightness)
+            if abs(away) < PROBE_PX:
+                # To second order a shift looks like blur: the change with blur is blur times the second derivative.
+                off = away * away / (2.0 * lens_px) + wider
+                blur_num += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
+                blur_den += sums[piece, BLUR_DEN] / each
+            by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step)))
+            contrast += step
+            clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
+            sums[piece, CELL] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
+            if found < piece:
+                sums[found] = sums[piece]
+            found += 1
+        share_noise(segments, found)
+        even = even and is_even(segments, sums, found, gain)
+        if even:
+            pooled[BLUR, RIGHT] += blur_num
+            pooled[BLUR, OWN] += blur_den
+            break
+        # Every strip is asked, and none that shows a stain or a glint's rim is taken.
+        most = NOISIER * (taps - 4.0) * least_noise(segments, sums, found, gain) * scale[row, PHASES // 2, SHIFT] ** 2
+    if not even:
+        take_off_light(segments, sums, found, gain)
+        by_light = 0.0
+    for i in range(found):
+        segments[i, 2] += sums[i, CELL] ** 2
     return pieces, found, contrast / max(found, 1), by_light / max(found, 1)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from fsw.vision.blur import PIXEL_VARIANCE, look_up
 from fsw.vision.edges import (
+    ADDED,
     BINS,
     BLUR,
     CROSS,
@@ -33,7 +34,8 @@ class EdgeFit(NamedTuple):
     leaves more over than noise can: by as many deviations as that is at most, if it were all along the offset.
     blur_pull, width_pull_px: by how much the offset would change if the lens blurred by 1 px more, and if the line were
     wider, per unit of relative width. light_pull_px2: by how much it is off where light grows outwards, per unit of
-    relative growth per px.
+    relative growth per px. added_chi2, added_px: how far light laid over all of it, growing outwards, is beyond noise,
+    and what the offset is off by for it.
     """
 
     good: bool
@@ -47,9 +49,11 @@ class EdgeFit(NamedTuple):
     blur_pull: float
     width_pull_px: float
     light_pull_px2: float
+    added_chi2: float
+    added_px: float
 
 
-_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @tick_kernel
@@ -81,11 +85,12 @@ def fit_profile(
     for turn in range(FIT_STEPS + 1):
         # Parameters: cell, line, (next cell,) offset. At turn 0 the offset is held: grey values alone are found.
         for i in range(n):
-            b[i] = coupled[BLUR, i] = coupled[WIDTH, i] = coupled[LIGHT, i] = 0.0
+            b[i] = coupled[BLUR, i] = coupled[WIDTH, i] = coupled[LIGHT, i] = coupled[ADDED, i] = 0.0
             for j in range(n):
                 A[i, j] = 0.0
         fresh[:] = 0.0
         squares = plain = blur_num = blur_den = width_num = width_den = cross = 0.0
+        added_num = added_den = 0.0
         for i in range(used):
             x = place[i] - offset
             s1, d1, blur1 = look_up(step, x)
@@ -113,9 +118,15 @@ def fit_profile(
                 coupled[LIGHT, 0] += lit * j_inside
                 coupled[LIGHT, 1] += lit * j_line
                 coupled[LIGHT, last] += lit * j_offset
+                added_num += c * r * x
+                added_den += c * x * x
+                coupled[ADDED, 0] += c * x * j_inside
+                coupled[ADDED, 1] += c * x * j_line
+                coupled[ADDED, last] += c * x * j_offset
                 if n == 4:
                     coupled[BLUR, 2] += c * j_blur * j_beyond
                     coupled[LIGHT, 2] += lit * j_beyond
+                    coupled[ADDED, 2] += c * x * j_beyond
                     j_width = -(beyond - line) * d2 * width_px  # per unit of relative width
                     width_num += c * r * j_width
                     width_den += c * j_width * j_width
@@ -154,13 +165,14 @@ def fit_profile(
             return _NO_EDGE
         if turn == last_turn:
             for i in range(n):  # take away what the edge's own unknowns could do instead: Schur's complement
-                for j in range(3):
+                for j in range(4):
                     for k in range(i):
                         coupled[j, i] -= A[i, k] * coupled[j, k]
                     coupled[j, i] /= A[i, i]
                 blur_den -= coupled[BLUR, i] ** 2
                 width_den -= coupled[WIDTH, i] ** 2
                 cross -= coupled[BLUR, i] * coupled[WIDTH, i]
+                added_den -= coupled[ADDED, i] ** 2
             unit = noise[0] + noise[1] * max(0.5 * (inside + line), 0.0)  # in grey values, as templates have it
             fresh[BLUR, RIGHT], fresh[BLUR, OWN] = unit * blur_num, unit * blur_den
             fresh[WIDTH, RIGHT], fresh[WIDTH, OWN] = unit * width_num, unit * width_den
@@ -194,7 +206,21 @@ def fit_profile(
     residual = math.sqrt(plain / (used - n))
     misfit = max(scale - MISFIT, 0.0) * (used - n)
     variances = scale / stiff**2, 1.0 / stiff**2, misfit / stiff**2
-    return EdgeFit(True, offset, *variances, inside, line, residual, by_blur, by_width, by_light)
+    added = added_num / added_den if added_den > 0.0 else 0.0
+    by_added = coupled[ADDED, last] / stiff * added
+    return EdgeFit(
+        True,
+        offset,
+        *variances,
+        inside,
+        line,
+        residual,
+        by_blur,
+        by_width,
+        by_light,
+        added * added_num,
+        by_added,
+    )
 
 
 @tick_kernel

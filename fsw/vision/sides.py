@@ -3,8 +3,6 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from fsw.vision.edges import (
     BLUR,
     COMMON,
@@ -27,6 +25,8 @@ NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
 UNEXPLAINED = 2.0  # a straight side's chi-square above its mean, in standard deviations: what is beyond is not noise's
 NOISIER = 6.0  # times the variance of the middle segment: luck does not reach so far, a glint or a shadow does
 LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
+UNEVEN = 4.0  # chi-square of light laid over a side above its mean, in standard deviations: more is not noise's
+CLIPPED_SHARE = 0.5  # of the blur, by which an edge may seem shifted where light is cut off at full scale
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
 
 
@@ -50,6 +50,12 @@ def inset_px(length_px: float, blur_px: float, lean_px: float = 0.0) -> float:
     lean_px: by how much the samples across the side come nearer to a corner at their ends, as the sides there lean.
     """
     return min(0.25 * length_px, max(3.0 * blur_px + 1.0 + lean_px, 0.06 * length_px))
+
+
+@tick_kernel
+def is_noise(chi2: float, freedom: int) -> bool:
+    """Whether a chi-square of what light laid over a side does is no larger than noise makes it."""
+    return chi2 <= freedom + UNEVEN * math.sqrt(2.0 * freedom)
 
 
 @tick_kernel
@@ -79,7 +85,7 @@ def fit_segments(
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
     wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
-    misfit = scratch.misfit
+    misfit, feigned2, chi2 = scratch.misfit, scratch.feigned2, 0.0
     found, contrast, by_light, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
@@ -96,7 +102,7 @@ def fit_segments(
         vertical = abs(gain_y) > abs(gain_x)
         gain = gain_y if vertical else gain_x
         ends = ((x0, y0), (x1, y1))
-        whole = gather(image, ends, gain, vertical, window_px, stride, wide or not vertical, scratch)
+        whole, cut_off = gather(image, ends, gain, vertical, window_px, stride, wide or not vertical, scratch)
         width = widths_px[0] + 0.5 * (f0 + f1) * (widths_px[1] - widths_px[0])
         fit = fit_profile(scratch, lens.step, lens.noise, width, blur, whole)
         step = sign * (fit.line - fit.inside)
@@ -105,15 +111,20 @@ def fit_segments(
             scratch.segments[found, 1] = fit.offset_px
             scratch.segments[found, 2] = fit.variance_px2
             scratch.segments[found, 3] = fit.expected_px2
-            misfit[found] = fit.misfit_px2
+            misfit[found] = fit.misfit_px2 + ((CLIPPED_SHARE * blur) ** 2 if cut_off else 0.0)
+            feigned2[found] = fit.added_px**2
+            chi2 += fit.added_chi2
             contrast += step
             by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
             by_light += fit.light_pull_px2
             _pool(scratch, width_row)
             found += 1
     share_noise(scratch.segments, found)
+    even = is_noise(chi2, found)
     for i in range(found):  # what is quieter than the eye's noise is so by luck
         scratch.segments[i, 2] = max(scratch.segments[i, 2], scratch.segments[i, 3]) + misfit[i]
+        if not even:
+            scratch.segments[i, 2] += feigned2[i]
     good = max(found, 1)
     return pieces, found, contrast / good, by_light / good, by_blur / good, by_width / good
 

@@ -21,15 +21,18 @@ from wingbeat.kernels import tick_kernel
 FloatArray = NDArray[np.float64]
 
 PHASES = 32  # places of an edge inside a pixel; what is left over is accounted for exactly
-STEP, SHIFT, BLURRING, LEVEL = 0, 1, 2, 3  # the templates, each blind to the others
+STEP, SHIFT, BLURRING, LEVEL = 0, 1, 2, 3  # the templates, each blind to the others,
+RISING, BENDING = 4, 5  # and to them two that tell light laid over cell and line alike, rising and bending across them
+COLUMNS = 6
 ACROSS = 3  # in Templates.scale: the shift's share along the step
+BY_RISING, BY_BENDING = 4, 5  # and what the last two templates say that the shift is off by
 PROBE_PX = 0.25  # shifts as large as this, to either side, calibrate how far the linear model falls short
 REACH_SIGMAS, REACH_PX = 2.5, 2.0  # half the least window: the blurred step, and what shows the plateaus,
 LEAST_HALF = 4  # and as many pixels beyond the four unknowns as tell what these leave over
 WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
 NOISE_RANGE = 12.0  # times as much variance on one plateau as on the other, at most
 INSIDE, LINE = 0, 1  # in Templates.noise
-MOST_SEGMENTS, SUMS = 6, 10
+MOST_SEGMENTS, SUMS = 6, 14
 
 
 class Templates(NamedTuple):
@@ -38,27 +41,28 @@ class Templates(NamedTuple):
     Tables: the rows for pixels taken outwards (0, 1) and inwards (2, 3), see `table_of`. Pixels beyond taps weigh 0.
     """
 
-    weight: NDArray[np.float32]  # (4, PHASES, 4, LANES) what gives step, step times shift, blurring and level
+    weight: NDArray[np.float32]  # (4, PHASES, COLUMNS, LANES) what gives step, step times shift, blurring, level, ...
     pixel_weight: NDArray[np.float32]  # (4, PHASES, LANES) of each pixel's square, 1 on the mean
-    scale: FloatArray  # (2, PHASES, 4) lengths of step, shift and blurring, and the shift's share along the step
+    scale: FloatArray  # (2, PHASES, COLUMNS) lengths of step, shift and blurring, and what ACROSS ... BENDING name
     bent: FloatArray  # (2, 2) a linear shift f means f + bent[0] f2 + bent[1] f3
     blurred: FloatArray  # (2,) and what an edge blurred by 1 px more seems shifted by
     gain: FloatArray  # (2,) distance from the edge per pixel across
-    lit: (
-        FloatArray  # (2, 2) and by light that grows by its whole per px outwards, on cell and line, for line - cell = 1
-    )
+    lit: FloatArray  # (2, 2) and by light that grows by its whole per px, on cell and line, for line - cell = 1
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
     sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
-    work: FloatArray  # (7, LANES) four templates, an edge shifted to either side, and pixels' weights, being filled
+    work: (
+        FloatArray  # (COLUMNS + 3, LANES) templates, an edge shifted to either side, and pixels' weights, being filled
+    )
+    share: FloatArray  # (COLUMNS, COLUMNS) of one column along another, see _orthonormal
 
 
 def make_templates() -> Templates:
     """Take the tables."""
     return Templates(
-        np.zeros((4, PHASES, 4, LANES), np.float32),
+        np.zeros((4, PHASES, COLUMNS, LANES), np.float32),
         np.zeros((4, PHASES, LANES), np.float32),
-        np.zeros((2, PHASES, 4)),
+        np.zeros((2, PHASES, COLUMNS)),
         np.zeros((2, 2)),
         np.zeros(2),
         np.zeros(2),
@@ -66,7 +70,8 @@ def make_templates() -> Templates:
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
         np.zeros((MOST_SEGMENTS, SUMS)),
-        np.zeros((7, LANES)),
+        np.zeros((COLUMNS + 3, LANES)),
+        np.zeros((COLUMNS, COLUMNS)),
     )
 
 
@@ -109,7 +114,8 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
         out.weight[table] = 0.0
         out.pixel_weight[table] = 0.0
     half = taps // 2
-    basis, ahead, behind, pixel = out.work[:4], out.work[4], out.work[5], out.work[6]
+    basis, share = out.work[:COLUMNS], out.share
+    ahead, behind, pixel = out.work[COLUMNS], out.work[COLUMNS + 1], out.work[COLUMNS + 2]
     probed_ahead, probed_behind, blurred, lit_cell, lit_line = 0.0, 0.0, 0.0, 0.0, 0.0
     for phase in range(PHASES):
         total = 0.0
@@ -117,6 +123,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
             x = gain * (k - (half - 1) - (phase + 0.5) / PHASES)
             value, slope, change = look_up(step, x)
             basis[STEP, k], basis[SHIFT, k], basis[BLURRING, k], basis[LEVEL, k] = value, -gain * slope, change, 1.0
+            basis[RISING, k], basis[BENDING, k] = x, x * x
             ahead[k], _, _ = look_up(step, x - gain * PROBE_PX)
             behind[k], _, _ = look_up(step, x + gain * PROBE_PX)
             pixel[k] = 1.0 / (1.0 + (ratio - 1.0) * value)
@@ -125,25 +132,32 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
         for k in range(taps):
             pixel[k] *= taps / total
             out.pixel_weight[row, phase, k] = pixel[k]
-            basis[LEVEL, k] /= math.sqrt(taps)
-        change_along = _orthonormal(basis, pixel, taps, scale)
-        along = scale[ACROSS]
+        _orthonormal(basis, pixel, taps, share)
+        for i in range(BLURRING + 1):
+            scale[i] = share[i, i]
+        scale[ACROSS] = along = share[SHIFT, STEP]
+        # What the light laid over the edge adds to the shift's product, in terms of what it adds to the two templates.
+        rising = share[RISING, SHIFT] / share[RISING, RISING]
+        scale[BY_BENDING] = (share[BENDING, SHIFT] - rising * share[BENDING, RISING]) / share[BENDING, BENDING]
+        scale[BY_RISING] = rising
         for k in range(taps):
             weight[SHIFT, k] = pixel[k] * basis[SHIFT, k] / scale[SHIFT]
             weight[STEP, k] = (pixel[k] * basis[STEP, k] - along * weight[SHIFT, k]) / scale[STEP]
             weight[BLURRING, k] = pixel[k] * basis[BLURRING, k]
             weight[LEVEL, k] = pixel[k] * basis[LEVEL, k]
+            weight[RISING, k] = pixel[k] * basis[RISING, k] / scale[SHIFT]  # as noisy as the shift's product
+            weight[BENDING, k] = pixel[k] * basis[BENDING, k] / scale[SHIFT]
         for k in range(taps):
             out.pixel_weight[row + 2, phase, taps - 1 - k] = pixel[k]
             x = gain * (k - (half - 1) - (phase + 0.5) / PHASES)
             value, _, _ = look_up(step, x)
             lit_cell += weight[SHIFT, k] * x * (1.0 - value) / PHASES
             lit_line += weight[SHIFT, k] * x * value / PHASES
-            for i in range(4):
+            for i in range(COLUMNS):
                 out.weight[row + 2, phase, i, taps - 1 - k] = weight[i, k]
         probed_ahead += _probe(weight, ahead, taps) / PHASES
         probed_behind += _probe(weight, behind, taps) / PHASES
-        blurred += change_along / scale[SHIFT] / PHASES
+        blurred += share[BLURRING, SHIFT] / scale[SHIFT] / PHASES
     # Two probes, two unknowns.
     p, q = probed_ahead, probed_behind
     det = p * p * q**3 - q * q * p**3
@@ -153,31 +167,27 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
 
 
 @tick_kernel
-def _orthonormal(basis: FloatArray, pixel: FloatArray, taps: int, scale: FloatArray) -> float:
-    """Make level, step, shift and blurring orthonormal under the pixels' weights, in this order (Gram and Schmidt).
+def _orthonormal(basis: FloatArray, pixel: FloatArray, taps: int, share: FloatArray) -> None:
+    """Make the columns orthonormal under the pixels' weights, LEVEL first (Gram and Schmidt).
 
-    Writes scale (4,); returns the share of blurring along the shift.
+    Writes share (COLUMNS, COLUMNS): of column i along an earlier one j, and on the diagonal what is left of it.
     """
-    share = 0.0
-    for i in range(3):
-        for m in range(-1, i):
-            j = LEVEL if m < 0 else m
+    for n in range(COLUMNS):
+        i = LEVEL if n == 0 else n - 1 if n <= LEVEL else n
+        for m in range(n):
+            j = LEVEL if m == 0 else m - 1 if m <= LEVEL else m
             dot = 0.0
             for k in range(taps):
                 dot += pixel[k] * basis[i, k] * basis[j, k]
             for k in range(taps):
                 basis[i, k] -= dot * basis[j, k]
-            if i == SHIFT and j == STEP:
-                scale[ACROSS] = dot
-            if i == BLURRING and j == SHIFT:
-                share = dot
+            share[i, j] = dot
         squares = 0.0
         for k in range(taps):
             squares += pixel[k] * basis[i, k] * basis[i, k]
-        scale[i] = math.sqrt(squares)
+        share[i, i] = math.sqrt(squares)
         for k in range(taps):
-            basis[i, k] /= scale[i]
-    return share
+            basis[i, k] /= share[i, i]
 
 
 @tick_kernel
