@@ -15,7 +15,7 @@ from fsw.modal.coordinates import principal_coordinates
 from fsw.modal.pieces import telling_piece
 from fsw.modal.pipeline import identify
 from fsw.modal.result import Options
-from fsw.tasks.identify import UNCONFIRMED, cells_to_use, confirmed, pole_of
+from fsw.tasks.identify import LONG_GAP_TICKS, UNCONFIRMED, cells_to_use, confirmed, pole_of
 from sim.bench.modal_broken import BREAKS, broken, misleads
 from sim.bench.modal_records import flight, moving, published
 
@@ -115,6 +115,15 @@ def test_cells_hidden_for_long_are_left_out_while_enough_were_not() -> None:
     assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5]
     measured[50:66, 3:] = False  # only two of nine are whole
     assert cells_to_use(measured).tolist() == [0, 2, 3, 4, 5, 6, 7, 8, 9]
+
+
+@pytest.mark.parametrize("hidden_from", [0, 20, 84])
+def test_a_cell_is_left_out_for_its_longest_gap_wherever_it_is(hidden_from: int) -> None:
+    measured = np.ones((100, 8), np.bool_)
+    measured[hidden_from : hidden_from + LONG_GAP_TICKS, 1] = False
+    measured[hidden_from : hidden_from + LONG_GAP_TICKS + 1, 2] = False
+    measured[::10, 3] = False
+    assert cells_to_use(measured).tolist() == [0, 1, 3, 4, 5, 6, 7]
 
 
 # Seeds of records of which most mislead when they are not cut; of stopped decays and responses that are struck or jump

@@ -103,6 +103,18 @@ def test_information_of_the_fit_is_the_curvature_of_the_cost():
         assert (sum(moved) - 2 * fit.cost) / (2 * step**2) == pytest.approx(fit.information[k, k], rel=0.03)
 
 
+@pytest.mark.parametrize("case", ["D1", "D2", "D4"])
+def test_rounds_of_refinement_that_are_left_out_would_move_no_pole(case, monkeypatch):
+    time_s, noisy = record_of(case, 5)
+    found = identify(time_s, noisy).modes
+    monkeypatch.setattr("fsw.modal.decay._STANDING", 0.0)
+    monkeypatch.setattr("fsw.modal.decay._REFINEMENTS", 8)
+    for mode, settled in zip(found, identify(time_s, noisy).modes, strict=True):
+        assert abs(mode.frequency_hz - settled.frequency_hz) < 0.03 * settled.frequency_sigma_hz
+        assert abs(mode.damping_ratio - settled.damping_ratio) < 0.03 * settled.damping_ratio_sigma
+        assert mode.flags == settled.flags
+
+
 @pytest.mark.requirement("WB-MOD-03")
 def test_dropped_frames_and_jitter_cost_nothing_with_true_time_stamps():
     rng = np.random.default_rng(4)

@@ -72,10 +72,11 @@ def test_products_by_blocks_are_those_of_the_whole(ticks, width, seed):
     assert np.allclose(scaled.dense(), y / scale) and np.allclose(power(y), np.sum(y**2, axis=0))
 
 
-def test_the_spectrum_shows_a_sine_at_its_amplitude():
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_the_spectrum_shows_a_sine_at_its_amplitude(kind):
     t = np.arange(400) / 20.0
     y = 3.0 * np.sin(2.0 * np.pi * 2.0 * t)[:, None] * np.ones(70)
-    spectrum = amplitude_spectrum(y)
+    spectrum = amplitude_spectrum(y.astype(kind))
     assert spectrum[40] == pytest.approx(3.0, rel=1e-3) and spectrum[45:].max() < 1e-3
 
 

@@ -40,6 +40,12 @@ def test_block_hankel_of_one_channel_is_the_textbook_hankel():
     assert np.array_equal(block_hankel(h[:, None, None], 5, 4, 2), hankel(h[2:7], h[6:10]))
 
 
+def test_block_hankel_of_many_channels_has_the_series_in_its_blocks():
+    h = np.random.default_rng(1).standard_normal((9, 2, 3))
+    H = block_hankel(h, 4, 3, 2).reshape(4, 2, 3, 3)
+    assert all(np.array_equal(H[i, :, j], h[2 + i + j]) for i in range(4) for j in range(3))
+
+
 def test_realisation_of_a_noise_free_free_response_is_exact():
     s, _ = sorted_poles(noise_free()[:, :, None])
     frequency_hz, damping = frequency_and_damping(s)

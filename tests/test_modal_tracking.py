@@ -122,3 +122,11 @@ def test_slots_are_a_function_of_what_was_seen():
     ]
     assert slots_of(*estimates) == slots_of(*estimates)
     assert slots_of(*estimates) == [[0, 1]] * 30
+
+
+def test_a_flag_makes_a_mode_not_valid_and_leaves_the_rest():
+    valid = mode(0.7)
+    once = valid.flagged("weak")
+    assert (once.valid, once.flags, valid.flags) == (False, ["weak"], [])
+    assert once.flagged("harmonic").flags == ["harmonic", "weak"] and once.flagged("weak").flags == ["weak"]
+    assert (once.frequency_hz, once.shape is valid.shape) == (0.7, True)
