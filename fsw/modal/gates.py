@@ -51,13 +51,13 @@ PAIR_DEVIATIONS = 3.0
 # A steady sinusoid that explains so much of an ambient peak means that something drives it there: surely, or unless
 # the likelihood is sure of a decay; and one that is as likely as a mode. Of a mode of 2.7 time constants a sinusoid
 # explains more than 0.9 by chance in 1 case of 60, more than 0.97 in 1 of 5000. It is as likely as a mode by chance in
-# 1 case of 1000, but then leaves more of the peak than a line does: a line leaves a fifth only where the peak is low,
-# and noise a good part of it.
+# 1 case of 1000, but then leaves more of the peak than a line does: that leaves noise, which holds half as much over
+# the floor as a peak of LINE_NOISE times the floor.
 CERTAIN_LINE_SHARE = 0.97
 LARGEST_LINE_SHARE = 0.9
 LEAST_LINE_GAIN, SURE_LINE_GAIN = 4.0, 10.0
 LEAST_LINE_SHARE = 0.8
-LEAST_LINE_RISE = 50.0
+LINE_NOISE = 16.0
 # The same ratio against a free decay: what one explains better is no stationary response. By chance one is as likely
 # as a mode in 1 case of 2000.
 LEAST_FALL_GAIN = -10.0
@@ -141,7 +141,7 @@ def ambient_flags(
     flags = []
     if fall_gain < LEAST_FALL_GAIN:
         flags.append("not_exponential")
-    explains = peak.line_share > LEAST_LINE_SHARE or peak.rise < LEAST_LINE_RISE
+    explains = peak.line_share > min(LEAST_LINE_SHARE, peak.rise / (peak.rise + LINE_NOISE))
     line = (line_gain < LEAST_LINE_GAIN and explains) or peak.line_share > CERTAIN_LINE_SHARE
     if line or (peak.line_share > LARGEST_LINE_SHARE and line_gain < SURE_LINE_GAIN):
         flags.append("harmonic")
