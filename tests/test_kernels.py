@@ -6,14 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import wingbeat, wingbeat_here
+from numba.core.errors import NumbaRuntimeError
+from numpy.typing import NDArray
 
 import wingbeat.kernels as kernels
 from telemetry.modes_text import modes_table, partners
 from wingbeat.console import track, write_json
 from wingbeat.errors import InputError
-from wingbeat.kernels import kernel
+from wingbeat.kernels import inline_kernel, kernel, tick_kernel
 
 COMMANDS = ("sil", "replay", "identify", "decode", "export")
 
@@ -55,6 +58,24 @@ def test_a_kernel_divides_by_zero_as_numpy_does() -> None:
 
     assert ratio(1.0, 0.0) == math.inf and ratio(-1.0, 0.0) == -math.inf and math.isnan(ratio(0.0, 0.0))
     assert ratio(1.0, 4.0) == 0.25
+
+
+def test_a_kernel_of_a_tick_that_allocates_does_not_compile() -> None:
+    @tick_kernel
+    def total(a: NDArray[np.float64]) -> float:
+        return float((a + a).sum())
+
+    @inline_kernel
+    def first(a: NDArray[np.float64]) -> float:
+        return float(a[0])
+
+    @tick_kernel
+    def twice(a: NDArray[np.float64]) -> float:
+        return 2.0 * first(a)
+
+    with pytest.raises(NumbaRuntimeError, match="NRT"):
+        total(np.ones(3))
+    assert twice(np.full(3, 4.0)) == 8.0
 
 
 @pytest.mark.parametrize("command", COMMANDS)

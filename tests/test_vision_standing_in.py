@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from vision_scene import FloatArray
 
+from fsw.vision.edges import SIZE_SUMS
 from fsw.vision.perspective import extent_across
 from fsw.vision.standing_in import (
     LEAST_CELLS,
@@ -11,7 +12,6 @@ from fsw.vision.standing_in import (
     RIM,
     SHAPE_SIGMA,
     SLOPE,
-    SUMS,
     add_size,
     forget_size,
     learn_size,
@@ -21,7 +21,7 @@ from fsw.vision.standing_in import (
 
 def learnt(shares: FloatArray, extent_px: float = 80.0, noise_px: float = 0.0) -> FloatArray:
     """Size (2,), along Y, after whole cells of these shares of the expected extent."""
-    size, sums = np.zeros((2, 2)), np.zeros((2, SUMS))
+    size, sums = np.zeros((2, 2)), np.zeros((2, SIZE_SUMS))
     forget_size(size)
     for _ in range(2):  # what the first tick finds is known in the second
         sums[:] = 0.0

@@ -1,4 +1,4 @@
-"""`kernel`: compile a function to machine code at its first call, and keep the code for the next process.
+"""Kernels: functions compiled to machine code at their first call, whose code is kept for the next process.
 
 numba keeps compiled code for each file, and does not see when a constant or a function that it took from another file
 has changed: the old code would then run on new arrays. So the folder of compiled code carries a digest of all sources.
@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from numba import config, njit
 
@@ -47,17 +47,26 @@ def _folder() -> Path:
 
 setattr(config, "CACHE_DIR", str(_folder()))  # noqa: B010  # numba makes its settings at run time
 
-
-def tick_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """`kernel` for a tick: it may allocate nothing, which the compiler sees to, so its arrays need no reference counts.
-
-    Each count is an atomic instruction that waits for all reads before it. Arrays must be the caller's.
-    """
-    compiled: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function)
-    return compiled
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+_TICK: dict[str, Any] = {**_OPTIONS, "_nrt": False}  # without numba's run time, which allocates and counts
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile this function with numba: free of the interpreter's lock while it runs, x / 0 is inf as in numpy."""
-    compiled: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy")(function)
+    compiled: Callable[P, R] = njit(**_OPTIONS)(function)
+    return compiled
+
+
+def tick_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """`kernel` that can allocate nothing, which the compiler sees to, and so need not count references to its arrays.
+
+    Each count is an atomic instruction that waits for all reads before it. All arrays are the caller's.
+    """
+    compiled: Callable[P, R] = njit(**_TICK)(function)
+    return compiled
+
+
+def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """`tick_kernel` that is compiled into its caller: for a part of one other, so that no arrays are handed over."""
+    compiled: Callable[P, R] = njit(**_TICK, forceinline=True)(function)
     return compiled

@@ -4,6 +4,7 @@ All rows at one column of a large image fall into one set of the nearest cache, 
 at once: strips would wait long. What is asked for early, a few lines with each strip, is there when its turn comes.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def look_ahead(
 ) -> None:
     """Begin to ask for the box of a cell whose corners (4, 2), ideal pixels, are expected."""
     height, width = image.shape
-    left, right, top, bottom = width - 1.0, 0.0, height - 1.0, 0.0
+    left, right, top, bottom = math.inf, -math.inf, math.inf, -math.inf
     for k in range(4):
         x, y, _, _, _, _ = distort_point(corners_px[k, 0], corners_px[k, 1], intrinsics, distortion)
         left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)

@@ -35,9 +35,8 @@ LIGHT, ADDED = 2, 3  # in Scratch.coupled: light that grows by its whole per px 
 RIGHT, OWN, CROSS = 0, 1, 2  # of their normal equations: right side, diagonal, and what couples a width to the blur
 # Two more rows regress the squares e of what edges leave over on the grey values y: sums of 1, y, y^2, and of e, e y.
 POOLED_ROWS, FRESH_ROWS = COMMON + 2, 4
-SIZE_SUMS = (
-    4  # of a direction: cells, sum and squares of their shares beyond the known one, variance that noise explains
-)
+# Of a direction's extents: cells, sum and squares of their shares beyond the known one, variance that noise explains.
+SIZE_SUMS = 4
 
 
 class Quad(NamedTuple):
@@ -63,7 +62,8 @@ class Quad(NamedTuple):
 
 def make_quad() -> Quad:
     """Take the memory."""
-    return Quad(*np.zeros((14, 4)), np.zeros((4, 2)), np.zeros((POOLED_ROWS, 3)))
+    shapes = [(4,)] * 14 + [(4, 2), (POOLED_ROWS, 3)]
+    return Quad(*(np.zeros(shape) for shape in shapes))
 
 
 class Scratch(NamedTuple):
@@ -92,19 +92,10 @@ def make_scratch() -> Scratch:
     """Take the working memory."""
     total, place, square, number = np.zeros((4, BINS))
     fit = total, place, square, number, np.zeros((4, 4)), np.zeros(4), np.zeros((4, 4))
-    fresh, pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
-    return Scratch(
-        *fit,
-        np.zeros((SEGMENTS, 4)),
-        *np.zeros((2, SEGMENTS)),
-        fresh,
-        pooled,
-        make_templates(),
-        make_strips(),
-        make_ahead(),
-        make_quad(),
-        np.zeros((2, SIZE_SUMS)),
-    )
+    side = np.zeros((SEGMENTS, 4)), np.zeros(SEGMENTS), np.zeros(SEGMENTS)
+    pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
+    sizes = np.zeros((2, SIZE_SUMS))
+    return Scratch(*fit, *side, *pooled, make_templates(), make_strips(), make_ahead(), make_quad(), sizes)
 
 
 @tick_kernel

@@ -24,9 +24,10 @@ from fsw.vision.templates import (
     RISING,
     SHIFT,
     STEP,
+    SUMS,
     table_of,
 )
-from wingbeat.kernels import tick_kernel
+from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # every so many strips are asked for what the model leaves over
@@ -42,7 +43,7 @@ COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
 JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL, RISES, BENDS, OFF, OFF_VARIANCE = 5, 6, 7, 8, 9, 10, 11, 12, 13
 
 
-@tick_kernel
+@inline_kernel
 def match_strips(
     strips: Strips,
     way: Way,
@@ -159,7 +160,7 @@ def take_off_light(segments: FloatArray, sums: FloatArray, found: int, gain: flo
         segments[i, 2] += noise2 + (UNSURE * feigned) ** 2
 
 
-@tick_kernel
+@inline_kernel
 def match_segments(
     image: Image,
     lens: Lens,
@@ -232,8 +233,8 @@ def match_segments(
             contrast += step
             clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
             sums[piece, CELL] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
-            if found < piece:
-                sums[found] = sums[piece]
+            for k in range(SUMS if found < piece else 0):
+                sums[found, k] = sums[piece, k]
             found += 1
         share_noise(segments, found)
         even = even and is_even(segments, sums, found, gain)

@@ -100,13 +100,13 @@ def measure_cells(
         out.contrast[n] = np.nan
         if not wanted[n]:
             continue
-        c, following = expected_px[n], next_wanted(order, wanted, place)
+        c, following = expected_px[n], _next_wanted(order, wanted, place)
         look_ahead(image, expected_px[following], intrinsics, distortion, scratch.ahead)
         for k in range(4):
             flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
         corner_depths(flat, depth)
         hidden, which, squares, contrast = 0, -1, 0.0, 0.0
-        copy(scratch.pooled, agreed)
+        _copy(scratch.pooled, agreed)
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
         for k in range(4):
@@ -183,13 +183,13 @@ def measure_cells(
             squares += r * r
             contrast += bright[k]
         if hidden > 0:
-            copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
+            _copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
         if hidden > 1:
             continue
         for k in range(2):
             out.paired[n, k] = hidden == 0 or which % 2 != k
             if out.paired[n, k]:
-                correct_light(scratch.quad, k)
+                _correct_light(scratch.quad, k)
         if hidden == 0:
             # The lines were expected too narrow by as much as the cell was.
             for k in range(2):
@@ -222,7 +222,7 @@ def measure_cells(
 
 
 @tick_kernel
-def next_wanted(order: NDArray[np.int64], wanted: NDArray[np.bool_], place: int) -> int:
+def _next_wanted(order: NDArray[np.int64], wanted: NDArray[np.bool_], place: int) -> int:
     """The wanted cell that comes next in order; the same one, if none does."""
     for later in range(place + 1, len(order)):
         if wanted[order[later]]:
@@ -231,7 +231,7 @@ def next_wanted(order: NDArray[np.int64], wanted: NDArray[np.bool_], place: int)
 
 
 @tick_kernel
-def copy(source: FloatArray, target: FloatArray) -> None:
+def _copy(source: FloatArray, target: FloatArray) -> None:
     """Copy an array (n, m), element by element: a slice would make room for a second copy."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
@@ -239,7 +239,7 @@ def copy(source: FloatArray, target: FloatArray) -> None:
 
 
 @tick_kernel
-def correct_light(quad: Quad, k: int) -> None:
+def _correct_light(quad: Quad, k: int) -> None:
     """Take off sides k and k + 2 what light feigns: where it is brighter, as the lines' contrast tells, they shift."""
     k2, extent = k + 2, quad.extent[k]
     grows = 2.0 * (quad.bright[k] - quad.bright[k2]) / ((quad.bright[k] + quad.bright[k2]) * extent)

@@ -16,7 +16,7 @@ from fsw.vision.edges import (
 from fsw.vision.hot import LEAST_LINE_PX
 from fsw.vision.profile import fit_profile
 from fsw.vision.rig import distort_point
-from wingbeat.kernels import tick_kernel
+from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
 SEGMENT_COLUMNS = 6.0  # that a segment should have, before any are left out
@@ -58,7 +58,7 @@ def is_noise(chi2: float, freedom: int) -> bool:
     return chi2 <= freedom + UNEVEN * math.sqrt(2.0 * freedom)
 
 
-@tick_kernel
+@inline_kernel
 def fit_segments(
     image: Image,
     lens: Lens,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader
 from fsw.vision.rig import distort_point
-from wingbeat.kernels import tick_kernel
+from wingbeat.kernels import inline_kernel, tick_kernel
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[Any]
@@ -56,7 +56,7 @@ class Way(NamedTuple):
     taps: int
 
 
-@tick_kernel
+@inline_kernel
 def follow(
     start: Point, end: Point, normal: Point, intrinsics: FloatArray, distortion: FloatArray
 ) -> tuple[bool, float, float, float, Curve]:
@@ -102,7 +102,7 @@ def drift_variance(slope: float, each: int) -> float:
     return slope * slope * (each * each - 1) / 12.0
 
 
-@tick_kernel
+@inline_kernel
 def way_along(vertical: bool, outwards: bool, begin: float, stop: float, slope: float, taps: int) -> Way:
     """Cut a side from `begin` to `stop` along the image into strips."""
     first = math.ceil(min(begin, stop))
@@ -122,30 +122,36 @@ def column_of(way: Way, strip: int) -> int:
     return way.first + strip // LANES * way.span + strip % LANES * way.each
 
 
-@tick_kernel
+@inline_kernel
 def read_strips(image: Image, curve: Curve, way: Way, out: Strips) -> None:
     """Read the strips of a side that the image shows."""
-    half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
     across, along = image.shape if way.vertical else image.shape[::-1]
     limit = across - way.taps
-    for i in range(way.strips):
-        # Places are counted outwards, as the templates are.
-        column = column_of(way, i)
-        centre = sign * place_at(curve, column + 0.5 * (way.each - 1))
+    for strip in range(0, way.strips, LANES):
+        _find_windows(curve, way, strip, along, out)
+        if way.vertical:
+            _read_columns(image, way, strip, limit, out)
+        else:
+            _read_rows(image, way, strip, limit, out)
+
+
+@inline_kernel
+def _find_windows(curve: Curve, way: Way, strip: int, along: int, out: Strips) -> None:
+    """Where LANES strips begin across the side. Places are counted outwards, as the templates are."""
+    half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
+    column, middle = column_of(way, strip), 0.5 * (way.each - 1)
+    for i in range(strip, min(strip + LANES, way.strips)):
+        centre = sign * place_at(curve, column + middle)
         base = math.floor(centre)
         out.place[i] = centre - base
         if column < 0 or column + way.each > along:
             out.start[i] = -1
         else:
             out.start[i] = base - half + 1 if way.outwards else -base - half
-    for i in range(0, way.strips, LANES):
-        if way.vertical:
-            _read_columns(image, way, i, limit, out)
-        else:
-            _read_rows(image, way, i, limit, out)
+        column += way.each
 
 
-@tick_kernel
+@inline_kernel
 def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
     """Read LANES strips that lie side by side along image rows."""
     end = min(strip + LANES, way.strips)
@@ -175,12 +181,13 @@ def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -
             _one_column(image, y, x, z, out.lines, s, p)
 
 
-@tick_kernel
+@inline_kernel
 def _read_rows(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
     """Read LANES strips that lie one below the other."""
     none = np.uintp(0)
+    row = column_of(way, strip) - way.each
     for i in range(strip, min(strip + LANES, way.strips)):
-        row, column = column_of(way, i), out.start[i]
+        row, column = row + way.each, out.start[i]
         # Lanes beyond the taps must not lie behind the image.
         inside = 0 <= column <= limit and (row + way.each < image.shape[0] or column + LANES <= image.shape[1])
         out.start[i] = 0 if inside else -1
