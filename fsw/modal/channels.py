@@ -15,8 +15,8 @@ FloatArray = NDArray[np.float64]
 Channels = NDArray[np.floating[Any]]
 Number = TypeVar("Number", bound=np.generic)
 
-# Channels of a block, and numbers of a block of ticks: 35 ticks of 918 channels.
-_BLOCK, _NUMBERS = 32, 1 << 15
+# Channels of a block, and numbers of a block of ticks: 26 ticks of 918 channels.
+_BLOCK, _NUMBERS = 32, 3 << 13
 
 
 def blocks(length: int, size: int = _BLOCK) -> Iterator[slice]:
