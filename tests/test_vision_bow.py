@@ -6,9 +6,10 @@ from vision_scene import FloatArray, facing, paper_rig, rotation, three_panels
 
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.bow import Bow, fit_kinks, make_bow, tilt_extents, unbend
+from fsw.vision.fitting import fit_surface, make_normal
 from fsw.vision.grid import CellGrid
 from fsw.vision.perspective import extent_across, side_normal
-from fsw.vision.prediction import BENDING, RIGID, Surface, expect, fit_surface, make_normal, make_surface, set_pose
+from fsw.vision.prediction import BENDING, RIGID, Surface, expect, make_surface, set_pose
 from fsw.vision.rig import eyes_of
 from fsw.vision.sides import inset_px
 from fsw.vision.stereo import Points, make_points, triangulate_cells
@@ -149,7 +150,7 @@ def test_cells_beside_a_fold_are_expected_as_long_as_their_panel_shows_them() ->
     expect(surface, eyes, expected, centre, in_view)
     fit_kinks(surface, points, bow)
     tilted = np.zeros((2, count, 2))
-    tilt_extents(surface, eyes, expected, bow, tilted)
+    tilt_extents(surface, eyes, expected, np.ones(count, dtype=np.bool_), bow, tilted)
     corners = np.concatenate([grid.corners_mm, height_mm(grid, grid.corners_mm, 4.0 * KINK_MM)[..., None]], axis=2)
     for eye in (0, 1):
         true = rig.project_ideal(eye, (corners @ R.T + t).reshape(-1, 3)).reshape(-1, 4, 2)

@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from vision_scene import Scene, facing, paper_rig, rotation, three_panels
 
 from fsw.vision.acquisition import Prior, acquire
+from fsw.vision.fitting import fit_surface, make_normal
 from fsw.vision.gating import gate_columns, gate_points
-from fsw.vision.prediction import fit_surface, make_normal, make_surface, set_pose
+from fsw.vision.prediction import make_surface, set_pose
 from fsw.vision.stereo import make_points
 from fsw.vision.tracking import Tracker, TrackingOptions
 

@@ -10,10 +10,11 @@ from vision_scene import FloatArray, facing, paper_rig, rotation, three_panels
 
 from fsw.geometry import make_rig, make_wing_grid
 from fsw.tables.checks import load_hardware
+from fsw.vision.fitting import fit_surface, make_normal, settle
 from fsw.vision.grid import CellGrid
-from fsw.vision.prediction import FEW, Surface, expect, fit_surface, locate, make_normal, make_surface, set_pose
+from fsw.vision.prediction import FEW, Surface, expect, locate, make_surface, set_pose
 from fsw.vision.rig import StereoRig, eyes_of
-from fsw.vision.search import SIDES_SEARCHED, Sightings, make_sightings, settle
+from fsw.vision.search import SIDES_SEARCHED, Sightings, make_sightings
 from fsw.vision.tracking import Tracker, TrackingOptions
 from sim.flight_files import flight_files
 

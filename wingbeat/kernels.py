@@ -67,6 +67,9 @@ def tick_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """`tick_kernel` that is compiled into its caller: for a part of one other, so that no arrays are handed over."""
+    """`tick_kernel` that is compiled into the place of each of its calls, so that no arrays are handed over.
+
+    For a large part of one other, or a small function of many arrays, whose 50 words cost more than what it computes.
+    """
     compiled: Callable[P, R] = njit(**_TICK, forceinline=True)(function)
     return compiled

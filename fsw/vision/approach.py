@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from fsw.vision.beside import Beside
 from fsw.vision.bridging import (
     AS_BEFORE,
     CONFIRMED,
@@ -13,18 +13,22 @@ from fsw.vision.bridging import (
     MET_PX,
     MOST_STEPS,
     NEAR_PX,
+    STILL_PX,
+    SURPRISE,
     SWING_MM,
     TRIED_CELLS,
     carry,
     confirmed,
+    step_of,
     swing,
     swing_step_mm,
 )
 from fsw.vision.edges import FloatArray, Image
+from fsw.vision.fitting import Normal, settle
 from fsw.vision.grid import CellGrid, line_ratios
-from fsw.vision.prediction import FEW, UNKNOWNS, Normal, Surface, expect
+from fsw.vision.prediction import FEW, UNKNOWNS, Surface, expect
 from fsw.vision.rig import Eyes
-from fsw.vision.search import look, make_sightings, settle
+from fsw.vision.search import look, make_sightings
 
 
 class Approach:
@@ -48,45 +52,70 @@ class Approach:
         self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
         self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
         self._share = 1.0  # of the lines, by which the last frame confirmed the surface
-        self._swing, self._tried_step = swing(), max(1, count // TRIED_CELLS)
-        self._looked_step = max(1, count // LOOKED_CELLS)
-        self._second = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right-eye")
+        self._moved_px = NEAR_PX  # how far the lines moved since the frame before, at most
+        self._swing = swing()
+        self._tried_step, self._looked_step = step_of(grid, TRIED_CELLS), step_of(grid, LOOKED_CELLS)
+        self._right = Beside("right-eye")
 
     def forget(self) -> None:
         """Take the surface as it is, without a history."""
         self._before[:] = 0.0
         self._share = 1.0
+        self._moved_px = NEAR_PX
         self.deviation_px[:] = 0.0
 
     def adopt(self, other: "Approach") -> None:
         """Take over another one's history, as if the surface had stood still."""
         self._before[:] = other.surface.unknowns
-        self._share = other._share
+        self._share, self._moved_px = other._share, other._moved_px
         self.deviation_px[:] = other.deviation_px
 
     def close(self) -> None:
         """End the thread of the right eye."""
-        self._second.shutdown()
+        self._right.close()
 
     def both_eyes(self, work: Callable[[int, Image], None], left: Image, right: Image) -> None:
         """Do the same work for both eyes, each on its thread."""
-        other = self._second.submit(work, 1, right)
-        work(0, left)
-        other.result()
+        self._right.begin(work, 1, right)
+        try:
+            work(0, left)
+        finally:
+            self._right.wait()
 
     def bridge(self, left: Image, right: Image) -> None:
         """Bring the surface to where the lines confirm it, from the place before; unconfirmed, to the best found."""
         now = self.surface.unknowns
         self._origin[:] = now
         enough = max(CONFIRMED, AS_BEFORE * self._share)
-        best = self._try(now, left, right, -1.0, enough, NEAR_PX)
-        if best < enough:
-            now[:] = self._origin
-            best = self._try(now, left, right, best, enough)
+        near_px = min(STILL_PX + SURPRISE * self._moved_px, NEAR_PX)
+        best = self._try(now, left, right, -1.0, enough, self._looked_step, near_px)
+        found = best >= enough
+        if not found:
+            best = self._search(left, right, best, enough)
+        # What the few unknowns of a trial cannot follow, all of them do, now that every line is the right one.
+        if found and self._moved_px <= MET_PX:
+            settle(self.surface, self.eyes, self.sightings, UNKNOWNS, self._normal)
+        else:
+            self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX if best < enough else MET_PX)
+        if not found:
+            self._moved_px = NEAR_PX  # whatever the trials moved it by
+        self._before[:] = self._origin
+        self._share = best
+        self._expect()
+
+    def _search(self, left: Image, right: Image, best: float, enough: float) -> float:
+        """Bring the surface, which is not where it was, to where enough of the lines confirm it, or to the best found.
+
+        Returns by which share of the lines.
+        """
+        now, step = self.surface.unknowns, self._tried_step
+        for within_px in (NEAR_PX, math.inf):
+            if best < enough:
+                best = self._try(self._origin, left, right, best, enough, step, within_px)
         if best < enough:
             np.multiply(self._origin, 2.0, out=self._trial)
             np.subtract(self._trial, self._before, out=self._trial)
-            best = self._try(self._trial, left, right, best, enough)
+            best = self._try(self._trial, left, right, best, enough, step)
         if best < enough:
             now[:] = self._origin
             self._expect()
@@ -96,31 +125,33 @@ class Approach:
                 for away_mm in (i * step_mm, -i * step_mm):
                     np.multiply(self._swing, away_mm, out=self._trial)
                     np.add(self._trial, self._origin, out=self._trial)
-                    best = self._try(self._trial, left, right, best, enough)
+                    best = self._try(self._trial, left, right, best, enough, step)
                 if best >= enough:
                     break
-        self._before[:] = self._origin
-        self._share = best
         now[:] = self._best
-        # What the few unknowns of the trials cannot follow, all of them do, now that every line is the right one.
-        self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX if best < enough else MET_PX)
-        self._expect()
+        return best
 
     def _try(
-        self, trial: FloatArray, left: Image, right: Image, best: float, enough: float, within_px: float = math.inf
+        self,
+        trial: FloatArray,
+        left: Image,
+        right: Image,
+        best: float,
+        enough: float,
+        step: int,
+        within_px: float = math.inf,
     ) -> float:
         """Share of the lines that confirm a place of the surface, or the best so far; the better place is kept.
 
         enough: less, and the lines are looked for again from where the first look has moved the surface to.
         """
         self.surface.unknowns[:] = trial
-        step = self._tried_step
         self._meet(left, right, step, FEW, within_px)
         self._expect(step)
-        carry(self.sightings, self.expected_px)
+        self._moved_px = carry(self.sightings, self.expected_px)
         share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
         if share < enough:
-            self._look_both(left, right, step, NEAR_PX)
+            self._look(left, right, step, NEAR_PX)
             share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
         if share > best:
             self._best[:] = self.surface.unknowns
@@ -130,7 +161,7 @@ class Approach:
     def _meet(self, left: Image, right: Image, step: int, unknowns: int, within_px: float = math.inf) -> None:
         """Look at every step-th cell's lines, and move so many unknowns of the surface to meet them."""
         self._expect(step)
-        self._look_both(left, right, step, within_px)
+        self._look(left, right, step, within_px)
         settle(self.surface, self.eyes, self.sightings, unknowns, self._normal)
 
     def _expect(self, step: int = 1) -> None:
@@ -138,17 +169,12 @@ class Approach:
         np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
         np.add(self.expected_px, self.deviation_px, out=self.expected_px)
 
-    def _look_both(self, left: Image, right: Image, step: int, within_px: float) -> None:
-        other = self._second.submit(self._look, 1, right, step, within_px)
-        self._look(0, left, step, within_px)
-        other.result()
-
-    def _look(self, eye: int, image: Image, step: int, within_px: float) -> None:
+    def _look(self, left: Image, right: Image, step: int, within_px: float) -> None:
         look(
-            image,
+            left,
+            right,
             self.eyes,
-            eye,
-            self.expected_px[eye],
+            self.expected_px,
             self.wanted,
             self.line_ratio,
             self.bordering,

@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import FloatArray, solve
@@ -80,13 +81,23 @@ def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
 
 
 @kernel
-def tilt_extents(surface: Surface, eyes: Eyes, corners_px: FloatArray, bow: Bow, out_px: FloatArray) -> None:
-    """Write to out_px (2, N, 2) what the fitted kinks add to each cell's extents from side 2 to 0 and from 3 to 1.
+def tilt_extents(
+    surface: Surface,
+    eyes: Eyes,
+    corners_px: FloatArray,
+    chosen: NDArray[np.bool_],
+    bow: Bow,
+    out_px: FloatArray,
+) -> None:
+    """Write to out_px (2, N, 2) what the fitted kinks add to a cell's extents from side 2 to 0 and from 3 to 1.
 
-    corners_px (2, N, 4, 2): the surface's ideal pixels. A cell seen askew is seen longer or shorter as it tilts.
+    chosen (N,): of which cells; the others stay. corners_px (2, N, 4, 2): the surface's ideal pixels. A cell seen askew
+    is seen longer or shorter as it tilts.
     """
     R, count = surface.rotation, bow.factor.shape[0]
     for n in range(bow.tilt.shape[0]):
+        if not chosen[n]:
+            continue
         X, Y, Z = locate(surface, n, 4)
         for axis in range(2):
             higher = 0.0

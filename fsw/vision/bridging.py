@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
+from fsw.vision.grid import CellGrid
 from fsw.vision.prediction import BENDING, RIGID, UNKNOWNS, Surface, locate
 from fsw.vision.rig import Eyes, project
 from fsw.vision.search import SEARCH, SIDES_SEARCHED, Sightings
@@ -19,9 +20,11 @@ from wingbeat.kernels import kernel
 BoolArray = NDArray[np.bool_]
 
 TRIED_CELLS = 100  # looked at in a trial, about
-LOOKED_CELLS = 150  # looked at once the place is confirmed, about: part of the wing is out of view
+LOOKED_CELLS = 150  # looked at where it was, and once its place is confirmed, about: part of the wing is out of view
 NEAR_PX = 20.0  # and how far from their places
-MET_PX = 10.0  # the same where the few unknowns have met enough of the lines
+MET_PX = 10.0  # the same where the few unknowns have met enough of the lines; needless if they moved by less
+STILL_PX = 6.0  # the same at first, of a wing that did not move in the tick before, ...
+SURPRISE = 2.0  # ... and so many times as far as it moved beyond that
 CONFIRMED = 0.6  # least share of the lines that makes further trials needless, ...
 AS_BEFORE = 0.9  # ... and of the share in the frame before: half a wing that stands still confirms the wrong place too
 SWING_MM = 130.0  # of the tip, between two frames or while the search took its time
@@ -40,12 +43,21 @@ def swing() -> FloatArray:
     return change
 
 
+def step_of(grid: CellGrid, cells: int) -> int:
+    """Step from cell to cell that takes about so many of a grid's, in every row of every panel."""
+    step = max(1, grid.count // cells)
+    while any(math.gcd(step, panel.rows) > 1 for panel in grid.panels):
+        step += 1
+    return step
+
+
 @kernel
-def carry(seen: Sightings, corners_px: FloatArray) -> None:
-    """Refer the sightings to where the surface expects their lines by now.
+def carry(seen: Sightings, corners_px: FloatArray) -> float:
+    """Refer the sightings to where the surface expects their lines by now; returns how far the farthest was moved, px.
 
     A line that meets its place so is the one that another look from there would find: the next one is a pitch away.
     """
+    farthest = 0.0
     for eye in range(2):
         for n in range(corners_px.shape[1]):
             for i in range(2):
@@ -57,6 +69,8 @@ def carry(seen: Sightings, corners_px: FloatArray) -> None:
                 moved = (x - middle[0]) * normal[0] + (y - middle[1]) * normal[1]
                 seen.offset_px[eye, n, i] -= moved
                 middle[0], middle[1] = x, y
+                farthest = max(farthest, abs(moved))
+    return farthest
 
 
 @kernel

@@ -40,6 +40,12 @@ def make_cells(count: int) -> Cells:
     )
 
 
+def view_cells(eye: int, corners_px: FloatArray, centre_px: FloatArray, covariance_px2: FloatArray) -> Cells:
+    """One eye's results, whose pixels are views of the arrays (2, N, ..) of both eyes."""
+    own = make_cells(corners_px.shape[1])
+    return own._replace(corners_px=corners_px[eye], centre_px=centre_px[eye], covariance_px2=covariance_px2[eye])
+
+
 @tick_kernel
 def add_pull(pull: FloatArray, x: float, y: float) -> None:
     """Add to what moves a centre."""

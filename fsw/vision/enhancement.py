@@ -1,5 +1,6 @@
 """Characteristic enhancement: the equivalent view at right angles to the wing, and the scene's `char` (Eq. 13-20)."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -174,11 +175,10 @@ def char(variance_x: float, variance_y: float, size_factor: float = SIZE_FACTOR)
     """Scene characteristic (Eq. 15-20) of two variances in px^2: near 1 for straight, distinct queues, 0 for none."""
 
     def normal(value: float) -> float:
-        return float(np.arctan(value)) * 2.0 / float(np.pi)
+        return math.atan(value) * 2.0 / math.pi
 
-    return float(
-        np.sqrt(np.prod([normal(size_factor * (1.0 - normal(max(v, 0.0)))) for v in (variance_x, variance_y)]))
-    )
+    x, y = (normal(size_factor * (1.0 - normal(max(v, 0.0)))) for v in (variance_x, variance_y))
+    return math.sqrt(x * y)
 
 
 def queue_variances(xy: FloatArray, column: IntArray, row: IntArray) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Which points stand, and what is counted over cells: kernels without memory of their own."""
+"""Which points stand, whether the wing's names do, and what is counted over cells."""
 
 import math
 
@@ -7,10 +7,45 @@ from numpy.typing import NDArray
 
 from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray
-from fsw.vision.grid import IntArray
-from fsw.vision.prediction import GATE_SIGMAS, Surface, locate
+from fsw.vision.fitting import GATE_SIGMAS
+from fsw.vision.grid import CellGrid, IntArray
+from fsw.vision.prediction import Surface
 from fsw.vision.stereo import Points
 from wingbeat.kernels import kernel
+
+SLIP = 0.5  # of the pitch: a wing that has moved farther in its plane since it was named may be one cell off
+
+
+class Slip:
+    """How far the wing may move in its plane from where it was when its cells were named."""
+
+    def __init__(self, grid: CellGrid, surface: Surface) -> None:
+        pitch = [panel.pitch_mm for panel in grid.panels]
+        self._most_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
+        self._surface = surface
+        self._named_mm: tuple[float, float] | None = None  # where it was
+
+    def _now_mm(self) -> tuple[float, float]:
+        return float(self._surface.unknowns[0]), float(self._surface.unknowns[1])
+
+    def forget(self) -> None:
+        """Nobody has named the cells."""
+        self._named_mm = None
+
+    def start(self) -> None:
+        """The cells have just been named."""
+        self._named_mm = self._now_mm()
+
+    def adopt(self, other: "Slip") -> None:
+        """Take over where the wing was named by another one's surface of the same pose."""
+        self._named_mm = other._named_mm
+
+    def far(self) -> bool:
+        """Whether it has moved so far that the names may be one cell off."""
+        if self._named_mm is None:
+            return False
+        moved = zip(self._now_mm(), self._named_mm, self._most_mm, strict=True)
+        return any(abs(now - named) > most for now, named, most in moved)
 
 
 @kernel
@@ -55,16 +90,6 @@ def gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -
 
 
 @kernel
-def measure_distance(surface: Surface, points: Points, chosen: NDArray[np.bool_], distance_mm: FloatArray) -> None:
-    """Write the distance (N,) from the surface of the chosen points (N,)."""
-    for n in range(chosen.shape[0]):
-        if chosen[n]:
-            x, y, z = locate(surface, n, 4)
-            dx, dy, dz = points.xyz_mm[n, 0] - x, points.xyz_mm[n, 1] - y, points.xyz_mm[n, 2] - z
-            distance_mm[n] = math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@kernel
 def gate_points(points: Points, distance_mm: FloatArray, gate_mm: float, widest_mm: float) -> None:
     """Take validity from points off the surface."""
     for n in range(points.valid.shape[0]):
@@ -103,7 +128,7 @@ def deviate(cells: Cells, expected_px: FloatArray, valid: NDArray[np.bool_], out
     Zero for the others: a side that stood in for a hidden one would confirm itself from tick to tick and drift away.
     """
     for n in range(valid.shape[0]):
-        if valid[n] and cells.whole[n]:
-            out_px[n] = cells.corners_px[n] - expected_px[n]
-        else:
-            out_px[n] = 0.0
+        take = valid[n] and cells.whole[n]
+        for k in range(4):
+            for i in range(2):
+                out_px[n, k, i] = cells.corners_px[n, k, i] - expected_px[n, k, i] if take else 0.0

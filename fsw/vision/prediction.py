@@ -4,16 +4,15 @@ The wing is its flat grid at a reference pose, moved in its plane as a rigid bod
 low-order polynomial. A few numbers hold all of it, so both eyes and all cells move together: none can slip alone.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.edges import FloatArray, solve
+from fsw.vision.edges import FloatArray
 from fsw.vision.grid import CellGrid
 from fsw.vision.rig import Eyes, image_point, project
-from wingbeat.kernels import kernel
+from wingbeat.kernels import inline_kernel, kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -26,18 +25,10 @@ RIGID, BENDING, LEAN = 3, 12, 5
 FEW = RIGID + 7  # the unknowns of a quick look, which must not bend to follow a mistaken line
 UNKNOWNS = RIGID + BENDING + LEAN
 
-# Which of them move a point along the wing's X, Y and Z.
-ALONG_X, ALONG_Y, ALONG_Z = (0, 2, 15, 16, 17), (1, 2, 18, 19), (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14)
-
 # How large they may be, as standard deviations at the wing's end.
 _SIGMA_MM = [50.0] * RIGID + [100.0] * 5 + [30.0] * 2 + [3.0, 3.0, 10.0, 20.0, 10.0] + [5.0] * LEAN
 POINT_SIGMA_MM = 0.1  # what a measured centre's distance from this surface is, at most
 _LINE_SIGMA_PX = 0.5  # and a sighted line's
-
-LEAST_POINTS = 8  # fewer do not move the surface
-FIT_TURNS = 4
-GATE_MEDIANS = 8.0  # a centre lies off the surface from so many times the median distance ...
-GATE_SIGMAS = 6.0  # ... and from so many of its own standard deviations
 
 
 class Surface(NamedTuple):
@@ -51,24 +42,6 @@ class Surface(NamedTuple):
     unknowns: FloatArray  # (UNKNOWNS,) mm
     point_prior: FloatArray  # (UNKNOWNS,) weight of each unknown's being 0, against a measured centre, 1 / mm2
     line_prior: FloatArray  # (UNKNOWNS,) and against a sighted line, px2 / mm2
-
-
-class Normal(NamedTuple):
-    """Normal equations of the unknowns; taken once."""
-
-    matrix: FloatArray  # (UNKNOWNS, UNKNOWNS)
-    right: FloatArray  # (UNKNOWNS,)
-    step: FloatArray  # (UNKNOWNS,)
-    rows: FloatArray  # (4 N, UNKNOWNS) equations, one a sighted line,
-    values: FloatArray  # (4 N,) and their right sides
-    sorted: FloatArray  # (N,) distances in order, for their median
-
-
-def make_normal(count: int) -> Normal:
-    """Take the working memory for `count` cells."""
-    n = UNKNOWNS
-    lines = 4 * count
-    return Normal(np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros((lines, n)), np.zeros(lines), np.zeros(count))
 
 
 def make_surface(grid: CellGrid) -> Surface:
@@ -102,7 +75,7 @@ def set_pose(surface: Surface, rotation: FloatArray, translation_mm: FloatArray)
     surface.unknowns[:] = 0.0
 
 
-@kernel
+@inline_kernel
 def derive(
     surface: Surface, X: float, Y: float, basis: FloatArray, x: float, y: float, z: float, row: FloatArray
 ) -> None:
@@ -118,7 +91,7 @@ def derive(
     row[i + 3], row[i + 4] = y * basis[1], y * basis[4]
 
 
-@kernel
+@inline_kernel
 def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
     """Place of corner k (or of the centre, k = 4) of cell n in the left camera's frame, in mm."""
     R, t, q, b = surface.rotation, surface.translation_mm, surface.unknowns, surface.basis
@@ -151,95 +124,22 @@ def expect(
             centre_px[eye, n, 0], centre_px[eye, n, 1] = u, v
             inside, _, _ = image_point(eyes, eye, u, v)
             in_view[eye, n] = inside and depth > 0.0
-        if not (in_view[0, n] or in_view[1, n]):
-            continue
-        for k in range(4):
-            x, y, z = locate(surface, n, k)
-            for eye in range(2):
-                u, v, _ = project(eyes.projection[eye], x, y, z)
-                corners_px[eye, n, k, 0], corners_px[eye, n, k, 1] = u, v
+        if in_view[0, n] or in_view[1, n]:
+            _expect_corners(surface, eyes, n, corners_px)
 
 
 @kernel
-def add_equation(
-    matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float, unknowns: int
-) -> None:
-    """Add one weighted equation row . x = value in so many unknowns to the normal equations (lower triangle)."""
-    for i in range(unknowns):
-        right[i] += weight * row[i] * value
-        for j in range(i + 1):
-            matrix[i, j] += weight * row[i] * row[j]
+def expect_again(surface: Surface, eyes: Eyes, chosen: BoolArray, corners_px: FloatArray) -> None:
+    """As `expect`, of the corners (2, N, 4, 2) of the chosen cells (N,) alone: the others stay."""
+    for n in range(chosen.shape[0]):
+        if chosen[n]:
+            _expect_corners(surface, eyes, n, corners_px)
 
 
-@kernel
-def _add_along(matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, unknowns: tuple[int, ...]) -> None:
-    """Add an equation that some of the unknowns, in rising order, take part in."""
-    for a in range(len(unknowns)):
-        i = unknowns[a]
-        right[i] += row[i] * value
-        for b in range(a + 1):
-            matrix[i, unknowns[b]] += row[i] * row[unknowns[b]]
-
-
-@kernel
-def fit_surface(
-    surface: Surface,
-    xyz_mm: FloatArray,
-    sigma_mm: FloatArray,
-    valid: BoolArray,
-    widest_mm: float,
-    normal: Normal,
-    distance_mm: FloatArray,
-) -> float:
-    """Fit the surface to measured centres, leaving out what lies off it; returns the gate, in mm, of the last turn.
-
-    xyz_mm (N, 3), sigma_mm (N,), valid (N,). Writes distance_mm (N,): of each centre from the surface, NaN where there
-    is none. What lies off is judged by the other cells, whose distances show how well the surface can follow this
-    wing; widest_mm is as far as any cell may lie. With too few points the surface stays as it is.
-    """
-    row, A, b, R = normal.rows[0], normal.matrix, normal.right, surface.rotation
-    gate = math.inf
-    for turn in range(FIT_TURNS):
-        A[:] = 0.0
-        b[:] = 0.0
-        used = 0
-        for n in range(xyz_mm.shape[0]):
-            if not valid[n] or (turn > 0 and distance_mm[n] > max(gate, GATE_SIGMAS * sigma_mm[n])):
-                continue
-            x, y, z = locate(surface, n, 4)
-            dx, dy, dz = xyz_mm[n, 0] - x, xyz_mm[n, 1] - y, xyz_mm[n, 2] - z
-            used += 1
-            # Along the wing's own axes few unknowns take part in an equation.
-            X, Y, basis = surface.flat_mm[n, 4, 0], surface.flat_mm[n, 4, 1], surface.basis[n, 4]
-            derive(surface, X, Y, basis, 1.0, 0.0, 0.0, row)
-            _add_along(A, b, row, R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz, ALONG_X)
-            derive(surface, X, Y, basis, 0.0, 1.0, 0.0, row)
-            _add_along(A, b, row, R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz, ALONG_Y)
-            derive(surface, X, Y, basis, 0.0, 0.0, 1.0, row)
-            _add_along(A, b, row, R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz, ALONG_Z)
-        if used >= LEAST_POINTS:
-            for j in range(UNKNOWNS):
-                A[j, j] += surface.point_prior[j]
-                b[j] -= surface.point_prior[j] * surface.unknowns[j]
-            if solve(A, b, UNKNOWNS):
-                for j in range(UNKNOWNS):
-                    surface.unknowns[j] += b[j]
-        gate = min(widest_mm, GATE_MEDIANS * _distances(surface, xyz_mm, valid, normal.sorted, distance_mm))
-    return gate
-
-
-@kernel
-def _distances(
-    surface: Surface, xyz_mm: FloatArray, valid: BoolArray, work: FloatArray, distance_mm: FloatArray
-) -> float:
-    """Write the distance (N,) of each valid centre from the surface, and return their median."""
-    count = 0
-    for n in range(xyz_mm.shape[0]):
-        distance_mm[n] = np.nan
-        if valid[n]:
-            x, y, z = locate(surface, n, 4)
-            distance_mm[n] = math.sqrt((xyz_mm[n, 0] - x) ** 2 + (xyz_mm[n, 1] - y) ** 2 + (xyz_mm[n, 2] - z) ** 2)
-            work[count] = distance_mm[n]
-            count += 1
-    work[:count].sort()
-    return work[count // 2] if count > 0 else math.inf
+@inline_kernel
+def _expect_corners(surface: Surface, eyes: Eyes, n: int, corners_px: FloatArray) -> None:
+    for k in range(4):
+        x, y, z = locate(surface, n, k)
+        for eye in range(2):
+            u, v, _ = project(eyes.projection[eye], x, y, z)
+            corners_px[eye, n, k, 0], corners_px[eye, n, k, 1] = u, v

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wingbeat.kernels import kernel, tick_kernel
+from wingbeat.kernels import inline_kernel, kernel, tick_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def eyes_of(rig: StereoRig) -> Eyes:
     return Eyes(projection, rig.intrinsics, rig.distortion, rig.size, view, rig.fundamental())
 
 
-@tick_kernel
+@inline_kernel
 def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, float]:
     """Image pixel of an ideal pixel, and whether it lies in the image.
 

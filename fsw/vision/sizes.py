@@ -20,7 +20,8 @@ GATE_SIGMAS = 4.0  # a size farther from the others' than noise and their scatte
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
 EVEN_PX = 0.25  # as much as sizes differ evenly; what is farther off has no say in what is even
 TERMS = 6  # 1, u, v, u2, uv, v2
-WORK = 4 + TERMS  # columns of the working memory
+USED = 4 + TERMS  # column of the working memory that says which sizes the trend is fitted to
+WORK = USED + 1  # columns of the working memory
 _LEAST = 3 * TERMS  # cells that tell a curvature; fewer tell the mean
 _ROUNDS = 5  # trend and scatter of the sizes, each time without those that are odd
 _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do not tell it
@@ -94,18 +95,24 @@ def _even(work: FloatArray, cells: int, terms: int) -> float:
     """
     scatter, limit = 0.0, math.inf
     for n in range(cells):
-        work[n, 3] = 0.0
+        work[n, 3] = work[n, USED] = 0.0
     for turn in range(_ROUNDS):
         used = 1 if turn == 0 else terms
         A, b = work[cells : cells + used, :used], work[cells + TERMS, :used]
         A[:] = 0.0
         b[:] = 0.0
+        changed = turn <= 1
         for n in range(cells):
-            if abs(work[n, 0] - work[n, 3]) <= limit:
+            use = abs(work[n, 0] - work[n, 3]) <= limit
+            changed = changed or use != (work[n, USED] > 0.0)
+            work[n, USED] = use
+            if use:
                 for i in range(used):
                     b[i] += work[n, 4 + i] * work[n, 0]
                     for j in range(i + 1):
                         A[i, j] += work[n, 4 + i] * work[n, 4 + j]
+        if not changed:
+            break  # the same sizes have the same trend
         for i in range(1, used):
             A[i, i] += _HOLD
         if A[0, 0] < 3.0 or not solve(A, b, used):
@@ -117,7 +124,7 @@ def _even(work: FloatArray, cells: int, terms: int) -> float:
                 trend += b[i] * work[n, 4 + i]
             trend = b[0] + min(max(trend, -EVEN_PX), EVEN_PX)
             off = work[n, 0] - trend
-            if abs(work[n, 0] - work[n, 3]) <= limit:
+            if work[n, USED] > 0.0:
                 squares, count = squares + off * off, count + 1
             work[n, 3] = trend
         scatter = math.sqrt(squares / count)

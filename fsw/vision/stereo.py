@@ -18,8 +18,6 @@ Pixels = tuple[tuple[float, float], tuple[float, float]]  # u, v in the left and
 
 FARTHEST_MM = 1e5  # a wing is not so far away: rays that are all but parallel meet nowhere
 
-_STEPS = 2  # Gauss-Newton steps from the linear start; the problem is nearly linear
-
 
 class Points(NamedTuple):
     """All N cells in space, in the left camera's frame; taken once, written every tick."""
@@ -46,12 +44,11 @@ def make_points(count: int) -> Points:
 
 
 @kernel
-def triangulate(P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric]) -> tuple[Vector, float, Matrix]:
+def triangulate(P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric]) -> Vector:
     """Point of least weighted reprojection error.
 
     P (2, 3, 4). pixel: ideal pixel in the left and in the right eye. weight: inverse covariance xx, xy, yy in each.
-    Returns the point, the rms reprojection error in pixels over the four coordinates, and the information matrix
-    (inverse covariance) of the point as xx, xy, xz, yy, yz, zz.
+    One Gauss-Newton step from where the rays come nearest: that is right to the residuals, the step to their square.
     """
     # Linear start: each pixel coordinate is a plane through its eye.
     xx, xy, xz, yy, yz, zz, gx, gy, gz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -63,34 +60,35 @@ def triangulate(P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric
             d = p * Q[2, 3] - Q[row, 3]
             xx, xy, xz, gx = xx + a * a, xy + a * b, xz + a * c, gx + a * d
             yy, yz, zz, gy, gz = yy + b * b, yz + b * c, zz + c * c, gy + b * d, gz + c * d
-    x, y, z = _solve3((xx, xy, xz, yy, yz, zz), (gx, gy, gz))
-    squares = 0.0
-    for step in range(_STEPS + 1):
-        xx, xy, xz, yy, yz, zz, gx, gy, gz, squares = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for eye in range(2):
-            Q = P[eye]
-            u, v, w = project(Q, x, y, z)
-            over = 1.0 / w
-            ru, rv = pixel[eye][0] - u, pixel[eye][1] - v
-            squares += ru * ru + rv * rv
-            ux, uy, uz = (Q[0, 0] - u * Q[2, 0]) * over, (Q[0, 1] - u * Q[2, 1]) * over, (Q[0, 2] - u * Q[2, 2]) * over
-            vx, vy, vz = (Q[1, 0] - v * Q[2, 0]) * over, (Q[1, 1] - v * Q[2, 1]) * over, (Q[1, 2] - v * Q[2, 2]) * over
-            a, b, c = weight[eye]
-            pu, pv = a * ux + b * vx, b * ux + c * vx
-            xx, xy, xz, gx = (
-                xx + pu * ux + pv * vx,
-                xy + pu * uy + pv * vy,
-                xz + pu * uz + pv * vz,
-                gx + pu * ru + pv * rv,
-            )
-            pu, pv = a * uy + b * vy, b * uy + c * vy
-            yy, yz, gy = yy + pu * uy + pv * vy, yz + pu * uz + pv * vz, gy + pu * ru + pv * rv
-            pu, pv = a * uz + b * vz, b * uz + c * vz
-            zz, gz = zz + pu * uz + pv * vz, gz + pu * ru + pv * rv
-        if step < _STEPS:
-            dx, dy, dz = _solve3((xx, xy, xz, yy, yz, zz), (gx, gy, gz))
-            x, y, z = x + dx, y + dy, z + dz
-    return (x, y, z), math.sqrt(squares / 4.0), (xx, xy, xz, yy, yz, zz)
+    start = _solve3((xx, xy, xz, yy, yz, zz), (gx, gy, gz))
+    information, right, _ = _linearise(P, pixel, weight, start)
+    dx, dy, dz = _solve3(information, right)
+    return start[0] + dx, start[1] + dy, start[2] + dz
+
+
+@kernel
+def _linearise(
+    P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric], point: Vector
+) -> tuple[Matrix, Vector, float]:
+    """Normal equations of a point's step: its information (inverse covariance), right side, sum of squares in px^2."""
+    xx, xy, xz, yy, yz, zz, gx, gy, gz, squares = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for eye in range(2):
+        Q = P[eye]
+        u, v, w = project(Q, point[0], point[1], point[2])
+        over = 1.0 / w
+        ru, rv = pixel[eye][0] - u, pixel[eye][1] - v
+        squares += ru * ru + rv * rv
+        ux, uy, uz = (Q[0, 0] - u * Q[2, 0]) * over, (Q[0, 1] - u * Q[2, 1]) * over, (Q[0, 2] - u * Q[2, 2]) * over
+        vx, vy, vz = (Q[1, 0] - v * Q[2, 0]) * over, (Q[1, 1] - v * Q[2, 1]) * over, (Q[1, 2] - v * Q[2, 2]) * over
+        a, b, c = weight[eye]
+        pu, pv = a * ux + b * vx, b * ux + c * vx
+        xx, xy, xz = xx + pu * ux + pv * vx, xy + pu * uy + pv * vy, xz + pu * uz + pv * vz
+        gx += pu * ru + pv * rv
+        pu, pv = a * uy + b * vy, b * uy + c * vy
+        yy, yz, gy = yy + pu * uy + pv * vy, yz + pu * uz + pv * vz, gy + pu * ru + pv * rv
+        pu, pv = a * uz + b * vz, b * uz + c * vz
+        zz, gz = zz + pu * uz + pv * vz, gz + pu * ru + pv * rv
+    return (xx, xy, xz, yy, yz, zz), (gx, gy, gz), squares
 
 
 @kernel
@@ -166,11 +164,14 @@ def retriangulate_cells(
         mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
         for k in range(4):
             a, b = corners_px[0, n, k], corners_px[1, n, k]
-            (x, y, z), _, _ = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
+            x, y, z = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
             mean_x, mean_y, mean_z = mean_x + 0.25 * x, mean_y + 0.25 * y, mean_z + 0.25 * z
         out.xyz_mm[n, 0], out.xyz_mm[n, 1], out.xyz_mm[n, 2] = mean_x, mean_y, mean_z
         a, b = centre_px[0, n], centre_px[1, n]
-        centre, out.reprojection_px[n], information = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
+        pixel = (a[0], a[1]), (b[0], b[1])
+        centre = triangulate(P, pixel, weight)
+        information, _, squares = _linearise(P, pixel, weight, centre)
+        out.reprojection_px[n] = math.sqrt(squares / 4.0)  # over the four coordinates
         C = out.covariance_mm2[n]
         xx, xy, xz, yy, yz, zz = _inverse3(information)
         C[0, 0], C[1, 1], C[2, 2] = xx, yy, zz

@@ -9,20 +9,21 @@ from numpy.typing import NDArray
 from fsw.vision.approach import Approach
 from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
 from fsw.vision.bow import fit_kinks, make_bow, tilt_extents, unbend
-from fsw.vision.corners import Cells, make_cells
+from fsw.vision.corners import view_cells
 from fsw.vision.edges import COMMON, FloatArray, Image, make_scratch
+from fsw.vision.fitting import fit_surface, make_normal, measure_distance
 from fsw.vision.gating import (
+    Slip,
     count,
     deviate,
     gate_columns,
     gate_points,
     gate_residuals,
     mean_sides,
-    measure_distance,
     rms,
 )
 from fsw.vision.grid import CellGrid
-from fsw.vision.prediction import expect, fit_surface, make_normal, make_surface, set_pose
+from fsw.vision.prediction import expect_again, make_surface, set_pose
 from fsw.vision.quads import measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
@@ -32,7 +33,6 @@ from fsw.vision.standing_in import SHAPE_SIGMA, forget_size
 from fsw.vision.stereo import Points, make_points, retriangulate_cells, triangulate_cells
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
-SLIP = 0.5  # of the pitch: a wing that has moved farther in its plane since it was named may be one cell off
 START_PASSES = 8  # measurements that a start takes, at most, until they are settled: corrections taken over whole,
 SETTLED = 2e-3  # the last one's smaller than this, in px of blur and relative width
 
@@ -69,13 +69,13 @@ class Tracker:
         self.corners_px = np.full((2, count, 4, 2), np.nan)
         self.centre_px = np.full((2, count, 2), np.nan)
         self.covariance_px2 = np.full((2, count, 3), np.nan)
-        self.cells = (self._cells(0), self._cells(1))
+        pixels = self.corners_px, self.centre_px, self.covariance_px2
+        self.cells = view_cells(0, *pixels), view_cells(1, *pixels)
         self.points: Points = make_points(count)
         self.distance_mm = np.full(count, np.nan)
         self.blur_px = np.full(2, options.blur_px)
         self.width_scale = np.ones((2, 2))
-        self.noise = np.zeros((2, 2))
-        self.cell_size = np.zeros((2, 2, 2))
+        self.noise, self.cell_size = np.zeros((2, 2)), np.zeros((2, 2, 2))
         self._forget_sizes()
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, STEP_ROWS, 3))
@@ -83,28 +83,17 @@ class Tracker:
         self._sizes = np.zeros((2, count + TERMS + 1, WORK))
         self._tilted_px = np.zeros((2, count, 2))
         self._odd = np.zeros(count, dtype=np.bool_)
-        pitch = [panel.pitch_mm for panel in grid.panels]
-        self._slip_mm = tuple(SLIP * min(p[axis] for p in pitch) for axis in (0, 1))
-        self._named_mm: tuple[float, float] | None = None  # where the wing was in its plane when its cells were named
+        self._slip = Slip(grid, self.surface)
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
         self._column = grid.column
         self._order = np.lexsort((grid.column, grid.cell[:, 2]))  # row by row
         self._work = np.zeros((int(grid.column[-1]) + 1, 2))
 
-    def _cells(self, eye: int) -> Cells:
-        """One eye's results, whose pixels are views of the arrays of both eyes."""
-        own = make_cells(self.grid.count)
-        return own._replace(
-            corners_px=self.corners_px[eye],
-            centre_px=self.centre_px[eye],
-            covariance_px2=self.covariance_px2[eye],
-        )
-
     def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
         """Expect the wing, flat and at rest, in this pose."""
         set_pose(self.surface, rotation, translation_mm)
-        self._named_mm = None
+        self._slip.forget()
         self._approach.forget()
 
     def start(self, rotation: FloatArray, translation_mm: FloatArray, left: Image, right: Image) -> int:
@@ -122,7 +111,7 @@ class Tracker:
             if np.abs(self._correction).max() < SETTLED:
                 break
         self._adaptation = ADAPTATION
-        self._named_mm = self._in_plane_mm
+        self._slip.start()
         self.cell_size[:, :, 1] = SHAPE_SIGMA**2  # one pair does not show what they scatter by from tick to tick
         return found
 
@@ -130,7 +119,7 @@ class Tracker:
         """Take over what another tracker of the same wing has settled: surface, blur, widths of the lines."""
         set_pose(self.surface, scout.surface.rotation, scout.surface.translation_mm)
         self.surface.unknowns[:] = scout.surface.unknowns
-        self._named_mm = scout._named_mm
+        self._slip.adopt(scout._slip)
         self._approach.adopt(scout._approach)
         self.blur_px[:] = scout.blur_px
         self.width_scale[:] = scout.width_scale
@@ -155,38 +144,35 @@ class Tracker:
         None does once the surface has slipped: no wing moves half a cell in its plane, but a grid looks the same there.
         """
         points = self.points
+        gates_px = reprojection_gate_px, epipolar_gate_px
         triangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, points)
-        gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
-        gate_mm = fit_surface(
-            self.surface,
-            points.xyz_mm,
-            points.sigma_mm,
-            points.valid,
-            self._widest_mm,
-            self._normal,
-            self.distance_mm,
-        )
-        gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
-        valid = gate_columns(points, self.distance_mm, self._column, self._work)
-        expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view)
+        gate_residuals(points, *gates_px)
+        xyz, sigma, valid = points.xyz_mm, points.sigma_mm, points.valid
+        gate_mm = fit_surface(self.surface, xyz, sigma, valid, self._widest_mm, self._normal, self.distance_mm)
+        stand = self._gate(gate_mm)
+        expect_again(self.surface, self.eyes, self.wanted, self.expected_px)
         fit_kinks(self.surface, points, self._bow)
         if self._judge_sizes(matched):
-            gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
+            gate_residuals(points, *gates_px)
             measure_distance(self.surface, points, self._odd, self.distance_mm)
-            gate_points(points, self.distance_mm, gate_mm, self._widest_mm)
-            valid = gate_columns(points, self.distance_mm, self._column, self._work)
+            stand = self._gate(gate_mm)
         unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, self._bow, points)
         for eye in (0, 1):
-            deviate(self.cells[eye], self.expected_px[eye], self.points.valid, self.deviation_px[eye])
-        if self._slipped():
+            deviate(self.cells[eye], self.expected_px[eye], valid, self.deviation_px[eye])
+        if self._slip.far():
             self.discard()
             return 0
-        return int(valid)
+        return stand
+
+    def _gate(self, gate_mm: float) -> int:
+        """Take validity from what lies off the surface, points and whole columns; returns how many points stand."""
+        gate_points(self.points, self.distance_mm, gate_mm, self._widest_mm)
+        return int(gate_columns(self.points, self.distance_mm, self._column, self._work))
 
     def _judge_sizes(self, matched: NDArray[np.bool_]) -> bool:
         """Triangulate matched cells of odd sizes once more, by what they are worth; returns whether there are any."""
         points, odd, cells = self.points, self._odd, self.cells
-        tilt_extents(self.surface, self.eyes, self.expected_px, self._bow, self._tilted_px)
+        tilt_extents(self.surface, self.eyes, self.expected_px, self.wanted, self._bow, self._tilted_px)
         odd[:] = False
         for eye in (0, 1):
             widen_odd_sizes(self.expected_px[eye], self._tilted_px[eye], self._sizes[eye], cells[eye], odd)
@@ -195,16 +181,6 @@ class Tracker:
         for eye in (0, 1):
             np.logical_and(points.valid, cells[eye].found, out=points.valid)
         return bool(count(odd) > 0)
-
-    @property
-    def _in_plane_mm(self) -> tuple[float, float]:
-        return float(self.surface.unknowns[0]), float(self.surface.unknowns[1])
-
-    def _slipped(self) -> bool:
-        if self._named_mm is None:
-            return False
-        moved = zip(self._in_plane_mm, self._named_mm, self._slip_mm, strict=True)
-        return any(abs(now - named) > most for now, named, most in moved)
 
     def discard(self) -> None:
         """Let no point of this frame stand."""
