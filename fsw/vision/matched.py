@@ -190,11 +190,11 @@ def match_segments(
     count, each = way.strips, way.each
     pieces = min(SEGMENTS, max(2, count // SEGMENT_STRIPS))
     # A strip along which the edge drifts looks more blurred, and so does an edge more askew to the pixels than the
-    # templates; an edge more blurred looks shifted.
+    # templates; an edge more blurred looks shifted, and its shift smaller.
     lens_px = math.sqrt(lens.blur_px**2 - PIXEL_VARIANCE)
     whole2, mean2 = lens.blur_px**2, scratch.templates.gain[row] ** 2
     wider = (mean2 * (whole2 / (gain * gain) + drift_variance(curve[2], each)) - whole2) / (2.0 * lens_px)
-    seeming = scratch.templates.blurred[row] * wider
+    seeming, slowed = scratch.templates.blurred[row] * wider, 1.0 + scratch.templates.slowed[row] * wider
     sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
@@ -214,7 +214,8 @@ def match_segments(
                 continue
             shift = bc / bb
             variance = (sums[piece, CC] - shift * bc) / ((count - 1.0) * bb)
-            shift = shift * (1.0 + square * shift + cube * shift * shift) - seeming
+            shift = (shift - seeming) / slowed
+            shift = shift * (1.0 + square * shift + cube * shift * shift)
             away = abs(gain) * shift
             middle = 0.5 * (column_of(way, begun) + column_of(way, ended - 1) + each - 1)
             segments[found, 0] = (1.0 - 2.0 * inset) * ((middle - begin) / (stop - begin) - 0.5)

@@ -27,6 +27,7 @@ COLUMNS = 6
 ACROSS = 3  # in Templates.scale: the shift's share along the step
 BY_RISING, BY_BENDING = 4, 5  # and what the last two templates say that the shift is off by
 PROBE_PX = 0.25  # shifts as large as this, to either side, calibrate how far the linear model falls short
+NEAR_PX = 1.0 / 16.0  # over which slopes of the tabulated step are taken
 REACH_SIGMAS, REACH_PX = 2.5, 2.0  # half the least window: the blurred step, and what shows the plateaus,
 LEAST_HALF = 4  # and as many pixels beyond the four unknowns as tell what these leave over
 WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
@@ -46,6 +47,7 @@ class Templates(NamedTuple):
     scale: FloatArray  # (2, PHASES, COLUMNS) lengths of step, shift and blurring, and what ACROSS ... BENDING name
     bent: FloatArray  # (2, 2) a linear shift f means f + bent[0] f2 + bent[1] f3
     blurred: FloatArray  # (2,) and what an edge blurred by 1 px more seems shifted by
+    slowed: FloatArray  # (2,) and by what part of itself its shift seems larger
     gain: FloatArray  # (2,) distance from the edge per pixel across
     lit: FloatArray  # (2, 2) and by light that grows by its whole per px, on cell and line, for line - cell = 1
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
@@ -64,6 +66,7 @@ def make_templates() -> Templates:
         np.zeros((4, PHASES, LANES), np.float32),
         np.zeros((2, PHASES, COLUMNS)),
         np.zeros((2, 2)),
+        np.zeros(2),
         np.zeros(2),
         np.zeros(2),
         np.zeros((2, 2)),
@@ -116,7 +119,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
     half = taps // 2
     basis, share = out.work[:COLUMNS], out.share
     ahead, behind, pixel = out.work[COLUMNS], out.work[COLUMNS + 1], out.work[COLUMNS + 2]
-    probed_ahead, probed_behind, blurred, lit_cell, lit_line = 0.0, 0.0, 0.0, 0.0, 0.0
+    probed_ahead, probed_behind, blurred, slowed, lit_cell, lit_line = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for phase in range(PHASES):
         total = 0.0
         for k in range(taps):
@@ -151,6 +154,9 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
             out.pixel_weight[row + 2, phase, taps - 1 - k] = pixel[k]
             x = gain * (k - (half - 1) - (phase + 0.5) / PHASES)
             value, _, _ = look_up(step, x)
+            _, _, sooner = look_up(step, x - NEAR_PX)
+            _, _, later = look_up(step, x + NEAR_PX)
+            slowed += weight[SHIFT, k] * gain * (sooner - later) / (2.0 * NEAR_PX) / PHASES
             lit_cell += weight[SHIFT, k] * x * (1.0 - value) / PHASES
             lit_line += weight[SHIFT, k] * x * value / PHASES
             for i in range(COLUMNS):
@@ -163,6 +169,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
     det = p * p * q**3 - q * q * p**3
     out.bent[row, 0] = ((PROBE_PX - p) * q**3 - (-PROBE_PX - q) * p**3) / det
     out.bent[row, 1] = (p * p * (-PROBE_PX - q) - q * q * (PROBE_PX - p)) / det
+    out.slowed[row] = slowed
     out.blurred[row], out.lit[row, INSIDE], out.lit[row, LINE] = blurred, lit_cell, lit_line
 
 
