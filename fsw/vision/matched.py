@@ -10,7 +10,17 @@ from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
 from fsw.vision.lanes import weigh, weigh_squares
-from fsw.vision.sides import CLIPPED_SHARE, MIN_CONTRAST, NOISE_GATE, NOISIER, Lens, inset_px, is_noise, share_noise
+from fsw.vision.sides import (
+    CLIPPED_SHARE,
+    MIN_CONTRAST,
+    NOISE_GATE,
+    NOISIER,
+    Lens,
+    inset_px,
+    is_noise,
+    is_settled,
+    share_noise,
+)
 from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
 from fsw.vision.templates import (
     ACROSS,
@@ -41,6 +51,7 @@ COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
 # the cell's grey value, products with the templates of light laid over the edge, what they say that c is off by, and
 # that one's variance over c's.
 JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL, RISES, BENDS, OFF, OFF_VARIANCE = 5, 6, 7, 8, 9, 10, 11, 12, 13
+CUT = 14  # deviation by light that is cut off at full scale
 
 
 @inline_kernel
@@ -233,12 +244,12 @@ def match_segments(
             by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step)))
             contrast += step
             clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
-            sums[piece, CELL] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
+            sums[piece, CUT] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
             for k in range(SUMS if found < piece else 0):
                 sums[found, k] = sums[piece, k]
             found += 1
         share_noise(segments, found)
-        even = even and is_even(segments, sums, found, gain)
+        even = even and (is_even(segments, sums, found, gain) or not is_settled(blur_num, blur_den))
         if even:
             pooled[BLUR, RIGHT] += blur_num
             pooled[BLUR, OWN] += blur_den
@@ -249,5 +260,5 @@ def match_segments(
         take_off_light(segments, sums, found, gain)
         by_light = 0.0
     for i in range(found):
-        segments[i, 2] += sums[i, CELL] ** 2
+        segments[i, 2] += sums[i, CUT] ** 2
     return pieces, found, contrast / max(found, 1), by_light / max(found, 1)

@@ -6,6 +6,8 @@ from typing import NamedTuple
 from fsw.vision.edges import (
     BLUR,
     COMMON,
+    OWN,
+    RIGHT,
     SEGMENTS,
     WIDTH,
     FloatArray,
@@ -26,6 +28,7 @@ UNEXPLAINED = 2.0  # a straight side's chi-square above its mean, in standard de
 NOISIER = 6.0  # times the variance of the middle segment: luck does not reach so far, a glint or a shadow does
 LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
 UNEVEN = 4.0  # chi-square of light laid over a side above its mean, in standard deviations: more is not noise's
+UNSETTLED_PX = 0.2  # a side that asks for so much more or less blur cannot tell light laid over it from that
 CLIPPED_SHARE = 0.5  # of the blur, by which an edge may seem shifted where light is cut off at full scale
 SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and 4 sigma) is a glint or a stain
 
@@ -58,6 +61,12 @@ def is_noise(chi2: float, freedom: int) -> bool:
     return chi2 <= freedom + UNEVEN * math.sqrt(2.0 * freedom)
 
 
+@tick_kernel
+def is_settled(right: float, own: float) -> bool:
+    """Whether a side is as blurred as expected, by its part of the normal equation of the blur."""
+    return abs(right) <= UNSETTLED_PX * own
+
+
 @inline_kernel
 def fit_segments(
     image: Image,
@@ -87,6 +96,7 @@ def fit_segments(
     wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
     misfit, feigned2, chi2 = scratch.misfit, scratch.feigned2, 0.0
     found, contrast, by_light, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0
+    blur_right, blur_own = 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
         f1 = (inset + (length - 2.0 * inset) * (piece + 1) / pieces) / length
@@ -117,10 +127,11 @@ def fit_segments(
             contrast += step
             by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
             by_light += fit.light_pull_px2
+            blur_right, blur_own = blur_right + scratch.fresh[BLUR, RIGHT], blur_own + scratch.fresh[BLUR, OWN]
             _pool(scratch, width_row)
             found += 1
     share_noise(scratch.segments, found)
-    even = is_noise(chi2, found)
+    even = is_noise(chi2, found) or not is_settled(blur_right, blur_own)
     for i in range(found):  # what is quieter than the eye's noise is so by luck
         scratch.segments[i, 2] = max(scratch.segments[i, 2], scratch.segments[i, 3]) + misfit[i]
         if not even:

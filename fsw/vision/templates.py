@@ -33,7 +33,7 @@ LEAST_HALF = 4  # and as many pixels beyond the four unknowns as tell what these
 WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
 NOISE_RANGE = 12.0  # times as much variance on one plateau as on the other, at most
 INSIDE, LINE = 0, 1  # in Templates.noise
-MOST_SEGMENTS, SUMS = 6, 14
+MOST_SEGMENTS, SUMS = 6, 15
 
 
 class Templates(NamedTuple):
