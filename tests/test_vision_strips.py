@@ -9,11 +9,11 @@ import pytest
 from scipy.special import ndtr
 from test_vision_edges import table_of
 
-from fsw.vision.edges import make_scratch
+from fsw.vision.edges import BLUR, OWN, RIGHT, make_scratch
 from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader, weigh, weigh_squares
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
-from fsw.vision.sides import Lens, inset_px, share_noise, straight_side
+from fsw.vision.sides import UNSETTLED_PX, Lens, inset_px, share_noise, straight_side
 from fsw.vision.strips import (
     MOST_STRIPS,
     Way,
@@ -366,7 +366,34 @@ def test_a_side_more_askew_than_its_templates_is_not_taken_for_a_shifted_one() -
 @pytest.mark.parametrize("outwards", [1.0, -1.0])
 def test_light_that_grows_across_a_side_shifts_it_by_what_is_told(outwards: float) -> None:
     edge, grows = Edge(outwards=outwards), 2e-3
-    still = edge.measure(sixteen_bits(edge.light()), ratio=5.0)[1]
-    image = sixteen_bits(edge.light(grows=grows))
+    light = edge.light()
+    noise = np.random.default_rng(3).normal(0.0, 3.0, light.shape)  # so that the templates cannot see it by themselves
+    still = edge.measure(sixteen_bits(light + noise), ratio=5.0)[1]
+    image = sixteen_bits(edge.light(grows=grows) + noise)
     assert edge.measure(image, ratio=5.0)[1] - still > 2.0 * grows
     assert abs(edge.measure(image, ratio=5.0, grows=grows)[1] - still) < 0.2 * grows
+
+
+def test_a_side_far_more_blurred_than_expected_asks_for_blur_and_is_not_taken_for_a_stained_one() -> None:
+    edge, sharper = Edge(), 0.5 * BLUR_PX
+    lens = edge.lens._replace(blur_px=float(np.sqrt(sharper**2 + 1.0 / 12.0)), step=table_of(sharper))
+    scratch = make_scratch()
+    scratch.templates.noise[0] = 1.0, 5.0
+    fill_templates(lens.step, lens.blur_px, 1.0, 9.0, 0, scratch.templates)
+    side = edge.start, edge.end, edge.normal
+    pieces, found, _, _ = match_segments(sixteen_bits(edge.light()), lens, *side, 0.0, 0, 1.0, scratch)
+    assert found == pieces
+    assert scratch.pooled[BLUR, RIGHT] / scratch.pooled[BLUR, OWN] > UNSETTLED_PX
+
+
+def test_light_laid_over_a_side_is_taken_off_it() -> None:
+    edge = Edge()
+    light = edge.light()
+    across = np.arange(light.shape[0])[:, None] - 0.5 * light.shape[0]
+    shifts = []
+    for laid_over in (0.0, 0.002 * across**2):
+        good, shift, variance = edge.measure(sixteen_bits(light + laid_over), ratio=5.0)
+        assert good
+        shifts.append((shift, variance))
+    (plain, _), (stained, variance) = shifts
+    assert abs(stained - plain) < 3.0 * np.sqrt(variance)
