@@ -198,15 +198,17 @@ def test_what_is_no_edge_is_not_fitted() -> None:
 def test_pixels_are_gathered_whole_and_only_those_in_the_image() -> None:
     image = np.arange(40 * 30, dtype=np.uint16).reshape(40, 30)
     scratch = make_scratch()
-    assert gather(image, ((5.0, 20.0), (14.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch)
+    assert gather(image, ((5.0, 20.0), (14.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch) == (True, False)
     columns, rows = np.arange(5, 15), np.arange(17, 25)
     assert scratch.number.sum() == len(columns) * len(rows)
     assert scratch.total.sum() == image[np.ix_(rows, columns)].sum()
     assert scratch.place.sum() == pytest.approx(len(columns) * (rows - 20).sum())
-    assert not gather(image, ((5.0, 38.0), (14.0, 38.0)), 1.0, True, (3.0, 4.0), 1, True, scratch)
+    assert gather(image, ((5.0, 38.0), (14.0, 38.0)), 1.0, True, (3.0, 4.0), 1, True, scratch) == (False, False)
     assert scratch.number.sum() == len(columns) * 5  # rows 35 to 39
-    assert not gather(image, ((-90.0, 20.0), (-80.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch)
+    assert gather(image, ((-90.0, 20.0), (-80.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch) == (False, False)
     assert scratch.number.sum() == 0
+    image[17:25, 5] = 65535
+    assert gather(image, ((5.0, 20.0), (14.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch) == (True, True)
 
 
 @dataclass(frozen=True)

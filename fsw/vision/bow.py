@@ -19,7 +19,7 @@ from fsw.vision.prediction import BENDING, POINT_SIGMA_MM, RIGID, Surface, bendi
 from fsw.vision.rig import Eyes, project
 from fsw.vision.sides import inset_px
 from fsw.vision.stereo import Points
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 KINK_SIGMA_MM = 10.0  # how far a kink may move the wing half its length beyond the fold
 CLOSER = 0.1  # so much closer than to the surface points may lie to one with kinks
@@ -34,6 +34,7 @@ class Bow(NamedTuple):
     prior: FloatArray  # (K,) weight of each factor's being 0, against a measured centre, 1 / mm2
     matrix: FloatArray  # (K, K) normal equations,
     factor: FloatArray  # (K,) their right side, then the factors beyond the surface's unknowns, mm
+    work: FloatArray  # (6, 4) of one cell's sides
 
 
 def make_bow(grid: CellGrid, surface: Surface) -> Bow:
@@ -48,7 +49,8 @@ def make_bow(grid: CellGrid, surface: Surface) -> Bow:
     prior = np.full(count, (CLOSER * POINT_SIGMA_MM / KINK_SIGMA_MM) ** 2)
     prior[:BENDING] = CLOSER**2 * surface.point_prior[RIGID : RIGID + BENDING]
     tilt = np.ascontiguousarray(ends[:, :2] - ends[:, 2:])
-    return Bow(basis, np.ascontiguousarray(rise), tilt, prior, np.zeros((count, count)), np.zeros(count))
+    equations = np.zeros((count, count)), np.zeros(count)
+    return Bow(basis, np.ascontiguousarray(rise), tilt, prior, *equations, np.zeros((6, 4)))
 
 
 def _with_kinks(grid: CellGrid, flat_mm: FloatArray, bending: FloatArray) -> FloatArray:
@@ -57,7 +59,7 @@ def _with_kinks(grid: CellGrid, flat_mm: FloatArray, bending: FloatArray) -> Flo
     return np.concatenate([bending, np.stack(kinks, axis=-1)], axis=-1) if kinks else bending
 
 
-@kernel
+@tick_kernel
 def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
     """Fit bow.factor to what the valid points lie off the surface, along its normal; zero if that cannot be done."""
     A, b, R, count = bow.matrix, bow.factor, surface.rotation, bow.factor.shape[0]
@@ -80,7 +82,7 @@ def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
         b[:] = 0.0
 
 
-@kernel
+@tick_kernel
 def tilt_extents(
     surface: Surface,
     eyes: Eyes,
@@ -113,7 +115,7 @@ def tilt_extents(
                 out_px[eye, n, axis] = higher * up
 
 
-@kernel
+@tick_kernel
 def unbend(
     surface: Surface,
     eyes: Eyes,
@@ -131,7 +133,7 @@ def unbend(
     likewise. Moving each to the height of the centre moves the centre in both images, and so the point, by one step of
     its triangulation.
     """
-    nx, ny, share, g, a = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros(3), np.zeros((2, 3))
+    nx, ny, share, g, a = bow.work[0], bow.work[1], bow.work[2], bow.work[3], bow.work[4:]
     for n in range(points.valid.shape[0]):
         if not points.valid[n]:
             continue

@@ -15,7 +15,7 @@ from fsw.vision.grid import CellGrid
 from fsw.vision.prediction import BENDING, RIGID, UNKNOWNS, Surface, locate
 from fsw.vision.rig import Eyes, project
 from fsw.vision.search import SEARCH, SIDES_SEARCHED, Sightings
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -51,7 +51,7 @@ def step_of(grid: CellGrid, cells: int) -> int:
     return step
 
 
-@kernel
+@tick_kernel
 def carry(seen: Sightings, corners_px: FloatArray) -> float:
     """Refer the sightings to where the surface expects their lines by now; returns how far the farthest was moved, px.
 
@@ -73,7 +73,7 @@ def carry(seen: Sightings, corners_px: FloatArray) -> float:
     return farthest
 
 
-@kernel
+@tick_kernel
 def confirmed(seen: Sightings, corners_px: FloatArray, in_view: BoolArray, bordering: BoolArray, step: int) -> float:
     """Share of the lines asked for in both eyes, at every step-th cell, that lie where the surface expects them."""
     asked, near = 0, 0.0
@@ -90,13 +90,13 @@ def confirmed(seen: Sightings, corners_px: FloatArray, in_view: BoolArray, borde
                 offset = seen.offset_px[eye, n, i]
                 if math.isnan(offset):
                     continue
-                across = c[1] - c[0] if side == 1 else c[3] - c[0]
-                gate = max(MEETS_PX, MEETS * math.hypot(across[0], across[1]))
+                far = 1 if side == 1 else 3
+                gate = max(MEETS_PX, MEETS * math.hypot(c[far, 0] - c[0, 0], c[far, 1] - c[0, 1]))
                 near += 1.0 / (1.0 + (offset / gate) ** 2)
     return near / asked if asked > 0 else 0.0
 
 
-@kernel
+@tick_kernel
 def swing_step_mm(
     surface: Surface, eyes: Eyes, corners_px: FloatArray, in_view: BoolArray, change: FloatArray
 ) -> float:

@@ -11,7 +11,7 @@ from fsw.vision.prediction import UNKNOWNS, Surface, derive, locate
 from fsw.vision.rig import Eyes, project
 from fsw.vision.search import SIDES_SEARCHED, Sightings
 from fsw.vision.stereo import Points
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -48,7 +48,7 @@ def make_normal(count: int) -> Normal:
     return Normal(matrix, right, factor, step, rows, values, np.zeros(count), np.zeros(count, dtype=np.bool_))
 
 
-@kernel
+@tick_kernel
 def settle(surface: Surface, eyes: Eyes, seen: Sightings, unknowns: int, normal: Normal) -> tuple[int, float]:
     """Move the surface so that its lines meet the sighted ones in both eyes: robust least squares.
 
@@ -82,13 +82,14 @@ def settle(surface: Surface, eyes: Eyes, seen: Sightings, unknowns: int, normal:
             b[j] -= surface.line_prior[j] * surface.unknowns[j]
         if not solve(A, b, unknowns):
             break
-        step[:unknowns] = b[:unknowns]
+        for j in range(unknowns):
+            step[j] = b[j]
     for j in range(unknowns):
         surface.unknowns[j] += step[j]
     return count, scale
 
 
-@kernel
+@tick_kernel
 def _equations(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) -> int:
     """One equation for each sighted line: what moves its middle outwards, and how far it is off; returns how many."""
     R, count = surface.rotation, 0
@@ -118,7 +119,7 @@ def _equations(surface: Surface, eyes: Eyes, seen: Sightings, normal: Normal) ->
     return count
 
 
-@kernel
+@tick_kernel
 def add_equation(
     matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float, unknowns: int
 ) -> None:
@@ -129,7 +130,7 @@ def add_equation(
             matrix[i, j] += weight * row[i] * row[j]
 
 
-@kernel
+@tick_kernel
 def _add_along(
     matrix: FloatArray, right: FloatArray, row: FloatArray, value: float, weight: float, unknowns: tuple[int, ...]
 ) -> None:
@@ -141,7 +142,7 @@ def _add_along(
             matrix[i, unknowns[b]] += weight * row[i] * row[unknowns[b]]
 
 
-@kernel
+@tick_kernel
 def _add_centre(surface: Surface, n: int, xyz_mm: FloatArray, weight: float, normal: Normal) -> None:
     """Add cell n's centre, measured at xyz_mm (3,), to the equations; with weight -1 it is taken out again."""
     R, t, A, b, row = surface.rotation, surface.translation_mm, normal.matrix, normal.right, normal.rows[0]
@@ -156,7 +157,7 @@ def _add_centre(surface: Surface, n: int, xyz_mm: FloatArray, weight: float, nor
     _add_along(A, b, row, R[0, 2] * x + R[1, 2] * y + R[2, 2] * z, weight, ALONG_Z)
 
 
-@kernel
+@tick_kernel
 def fit_surface(
     surface: Surface,
     xyz_mm: FloatArray,
@@ -191,15 +192,18 @@ def fit_surface(
         if turn > 0 and changed == 0:
             break  # the equations are linear: the same centres give the same surface
         if used >= LEAST_POINTS:
-            factor[:] = A
-            unknowns[:] = b
+            for i in range(UNKNOWNS):
+                unknowns[i] = b[i]
+                for j in range(UNKNOWNS):
+                    factor[i, j] = A[i, j]
             if solve(factor, unknowns, UNKNOWNS):
-                surface.unknowns[:] = unknowns
+                for j in range(UNKNOWNS):
+                    surface.unknowns[j] = unknowns[j]
         gate = min(widest_mm, GATE_MEDIANS * _distances(surface, xyz_mm, valid, normal.sorted, distance_mm))
     return gate
 
 
-@kernel
+@tick_kernel
 def _distances(
     surface: Surface, xyz_mm: FloatArray, valid: BoolArray, work: FloatArray, distance_mm: FloatArray
 ) -> float:
@@ -212,11 +216,31 @@ def _distances(
             distance_mm[n] = math.sqrt((xyz_mm[n, 0] - x) ** 2 + (xyz_mm[n, 1] - y) ** 2 + (xyz_mm[n, 2] - z) ** 2)
             work[count] = distance_mm[n]
             count += 1
-    work[:count].sort()
-    return work[count // 2] if count > 0 else math.inf
+    return _of_rank(work, count, count // 2) if count > 0 else math.inf
 
 
-@kernel
+@tick_kernel
+def _of_rank(values: FloatArray, count: int, rank: int) -> float:
+    """The value that `rank` of the first `count` ones are smaller than; they are put in another order (Hoare 1961)."""
+    low, high = 0, count - 1
+    while low < high:
+        middle, i, j = values[rank], low, high
+        while i <= j:
+            while values[i] < middle:
+                i += 1
+            while middle < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < rank:
+            low = i
+        if rank < i:
+            high = j
+    return float(values[rank])
+
+
+@tick_kernel
 def measure_distance(surface: Surface, points: Points, chosen: NDArray[np.bool_], distance_mm: FloatArray) -> None:
     """Write the distance (N,) from the surface of the chosen points (N,)."""
     for n in range(chosen.shape[0]):

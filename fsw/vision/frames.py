@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 STEP = 16  # one sample in each block of so many pixels, both ways; smaller blocks where an image is small
 LEAST_BLOCKS = 64  # each way
@@ -103,7 +103,7 @@ def is_full_scale(value: int) -> bool:
     return ones >= FULL_SCALE and ones & (ones + 1) == 0
 
 
-@kernel
+@tick_kernel
 def inspect(
     image: NDArray[Any],
     before: NDArray[Any],
@@ -152,13 +152,13 @@ def inspect(
     figures[REPEATED_INSIDE] = repeated_inside / inside if inside > 0 else 1.0
 
 
-@kernel
+@tick_kernel
 def sample_at(block: int, across: int, step: int) -> int:
     """Place of a block's sample along one axis; across: number of the block along the other axis."""
     return block * step + STAGGER * across % step
 
 
-@kernel
+@tick_kernel
 def level_of(histogram: NDArray[np.int32], first: int, rank: float) -> float:
     """The value, not below `first`, up to which at least `rank` samples lie."""
     value, seen = first, histogram[first]
@@ -168,7 +168,7 @@ def level_of(histogram: NDArray[np.int32], first: int, rank: float) -> float:
     return float(value)
 
 
-@kernel
+@tick_kernel
 def learn(bands: NDArray[np.float64], lively: NDArray[np.int64]) -> None:
     """Count for each band the good frames in a row in which it changed; a band that says nothing keeps its count."""
     for band in range(len(bands)):
@@ -178,7 +178,7 @@ def learn(bands: NDArray[np.float64], lively: NDArray[np.int64]) -> None:
             lively[band] = 0
 
 
-@kernel
+@tick_kernel
 def torn(bands: NDArray[np.float64], lively: NDArray[np.int64]) -> bool:
     """Whether of the bands that are known to be noisy one repeats in every sample, and another one changed."""
     repeats = changes = False

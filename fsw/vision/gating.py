@@ -11,7 +11,7 @@ from fsw.vision.fitting import GATE_SIGMAS
 from fsw.vision.grid import CellGrid, IntArray
 from fsw.vision.prediction import Surface
 from fsw.vision.stereo import Points
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 SLIP = 0.5  # of the pitch: a wing that has moved farther in its plane since it was named may be one cell off
 
@@ -48,7 +48,7 @@ class Slip:
         return any(abs(now - named) > most for now, named, most in moved)
 
 
-@kernel
+@tick_kernel
 def count(mask: NDArray[np.bool_]) -> int:
     """How many are set; np.count_nonzero would make a temporary of some masks."""
     count = 0
@@ -57,7 +57,7 @@ def count(mask: NDArray[np.bool_]) -> int:
     return count
 
 
-@kernel
+@tick_kernel
 def mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float, float]:
     """Mean length of the sides along X and along Y of the wanted cells; 0 without any."""
     along_x, along_y, count = 0.0, 0.0, 0
@@ -70,7 +70,7 @@ def mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float
     return along_x / max(count, 1), along_y / max(count, 1)
 
 
-@kernel
+@tick_kernel
 def rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
     squares, count = 0.0, 0
     for n in range(values.shape[0]):
@@ -80,7 +80,7 @@ def rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
     return math.sqrt(squares / count) if count else math.nan
 
 
-@kernel
+@tick_kernel
 def gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -> None:
     """Take validity from points that the two eyes do not agree on."""
     for n in range(points.valid.shape[0]):
@@ -89,7 +89,7 @@ def gate_residuals(points: Points, reprojection_px: float, epipolar_px: float) -
             points.valid[n] = near
 
 
-@kernel
+@tick_kernel
 def gate_points(points: Points, distance_mm: FloatArray, gate_mm: float, widest_mm: float) -> None:
     """Take validity from points off the surface."""
     for n in range(points.valid.shape[0]):
@@ -97,7 +97,7 @@ def gate_points(points: Points, distance_mm: FloatArray, gate_mm: float, widest_
         points.valid[n] = points.valid[n] and distance_mm[n] <= gate
 
 
-@kernel
+@tick_kernel
 def gate_columns(points: Points, distance_mm: FloatArray, column: IntArray, work: FloatArray) -> int:
     """Take validity from columns most of whose points lie off the surface; returns how many points stay.
 
@@ -121,7 +121,7 @@ def gate_columns(points: Points, distance_mm: FloatArray, column: IntArray, work
     return count
 
 
-@kernel
+@tick_kernel
 def deviate(cells: Cells, expected_px: FloatArray, valid: NDArray[np.bool_], out_px: FloatArray) -> None:
     """What each whole cell's corners deviate from the surface by.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, solve
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -44,7 +44,7 @@ def make_matching(count: int, queues: int) -> Matching:
     )
 
 
-@kernel
+@tick_kernel
 def fit_homography(
     source: FloatArray, target: FloatArray, chosen: BoolArray, A: FloatArray, b: FloatArray, H: FloatArray
 ) -> bool:
@@ -96,13 +96,13 @@ def fit_homography(
     return True
 
 
-@kernel
+@tick_kernel
 def _apply(H: FloatArray, x: float, y: float) -> tuple[float, float]:
     w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
     return (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
 
 
-@kernel
+@tick_kernel
 def describe(
     centre_px: FloatArray, found: BoolArray, to_wing: FloatArray, boundary_mm: FloatArray, descriptor_mm: FloatArray
 ) -> None:
@@ -115,7 +115,7 @@ def describe(
             descriptor_mm[n] = np.nan
 
 
-@kernel
+@tick_kernel
 def match_descriptors(work: Matching, pitch_mm: FloatArray, matched: BoolArray) -> int:
     """Cells whose descriptors agree between the eyes, and with those of the frame before where there were some.
 
@@ -134,11 +134,11 @@ def match_descriptors(work: Matching, pitch_mm: FloatArray, matched: BoolArray) 
         matched[n] = near
         count += near
         for eye in range(2):
-            before[eye, n] = now[eye, n]
+            before[eye, n, 0], before[eye, n, 1] = now[eye, n, 0], now[eye, n, 1]
     return count
 
 
-@kernel
+@tick_kernel
 def count_correct(work: Matching, left_px: FloatArray, right_px: FloatArray, matched: BoolArray, side_px: float) -> int:
     """Matches that the homography of all matches confirms (Eq. 26-29), within CORRECT of a cell's smaller side."""
     if not fit_homography(left_px, right_px, matched, work.matrix, work.right, work.left_to_right):
@@ -151,7 +151,7 @@ def count_correct(work: Matching, left_px: FloatArray, right_px: FloatArray, mat
     return count
 
 
-@kernel
+@tick_kernel
 def queue_variance(values: FloatArray, queue: IntArray, chosen: BoolArray, scale: float, sums: FloatArray) -> float:
     """Pooled variance of values (N,) * scale inside the queues (N,) they belong to; NaN without two in one queue."""
     sums[:] = 0.0

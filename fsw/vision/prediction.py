@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fsw.vision.edges import FloatArray
 from fsw.vision.grid import CellGrid
 from fsw.vision.rig import Eyes, image_point, project
-from wingbeat.kernels import inline_kernel, kernel
+from wingbeat.kernels import inline_kernel, tick_kernel
 
 BoolArray = NDArray[np.bool_]
 
@@ -109,7 +109,7 @@ def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
     )
 
 
-@kernel
+@tick_kernel
 def expect(
     surface: Surface, eyes: Eyes, corners_px: FloatArray, centre_px: FloatArray, in_view: BoolArray, step: int = 1
 ) -> None:
@@ -128,7 +128,7 @@ def expect(
             _expect_corners(surface, eyes, n, corners_px)
 
 
-@kernel
+@tick_kernel
 def expect_again(surface: Surface, eyes: Eyes, chosen: BoolArray, corners_px: FloatArray) -> None:
     """As `expect`, of the corners (2, N, 4, 2) of the chosen cells (N,) alone: the others stay."""
     for n in range(chosen.shape[0]):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fsw.vision.edges import FloatArray, Image
 from fsw.vision.rig import Eyes, image_point
 from fsw.vision.sides import MIN_CONTRAST
-from wingbeat.kernels import inline_kernel, kernel
+from wingbeat.kernels import inline_kernel, tick_kernel
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -39,7 +39,7 @@ def make_sightings(count: int) -> Sightings:
     return Sightings(np.full((2, count, 2), np.nan), normal, middle, np.zeros(2 * SEARCH_PX, dtype=np.int64))
 
 
-@kernel
+@tick_kernel
 def find_line(
     image: Image,
     eyes: Eyes,
@@ -140,13 +140,13 @@ def _walk(
     return first and last and inside, int(x), int(y), round(dx * one), round(dy * one), ahead
 
 
-@kernel
+@tick_kernel
 def _both_steps(left: int, inner: int, right: int, of_inner: float, of_flank: float) -> float:
     """How much the line stands out against both windows together."""
     return 2.0 * of_inner * inner - of_flank * (left + right)
 
 
-@kernel
+@tick_kernel
 def look(
     left: Image,
     right: Image,

@@ -7,7 +7,7 @@ that its centre stays, unless one of them is a border. As long as they settle, t
 
 from fsw.vision.corners import Cells
 from fsw.vision.edges import BLUR, COMMON, CROSS, OWN, RIGHT, FloatArray
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
@@ -15,7 +15,7 @@ LEAST_NOISE = 1.0 / 12.0  # grey values squared
 LINEAR = 0.05  # of a blur that is wrong: what it pulls centres by beyond what the models, linear in it, know
 
 
-@kernel
+@tick_kernel
 def correct(pooled: FloatArray, step: FloatArray) -> None:
     """Write the step (COMMON,) by which blur (px) and widths (relative) are wrong, as pooled (COMMON, 3) has them.
 
@@ -35,7 +35,7 @@ def correct(pooled: FloatArray, step: FloatArray) -> None:
             step[i] = (pooled[i, RIGHT] - pooled[i, CROSS] * step[BLUR]) / pooled[i, OWN]
 
 
-@kernel
+@tick_kernel
 def learn_noise(pooled: FloatArray, noise: FloatArray) -> None:
     """Write noise (2,), variance of a pixel and its growth with the grey value, as the edges' residuals have it.
 
@@ -55,7 +55,7 @@ def learn_noise(pooled: FloatArray, noise: FloatArray) -> None:
     noise[0], noise[1] = at_zero, growth
 
 
-@kernel
+@tick_kernel
 def adapt(step: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
     """Take over a share of the step (COMMON,) in the blur_px (2,) and width_scale (2, 2) of one eye."""
     blur_px[eye] = min(max(blur_px[eye] + share * step[BLUR], BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
@@ -63,7 +63,7 @@ def adapt(step: FloatArray, share: float, blur_px: FloatArray, width_scale: Floa
         width_scale[eye, i - 1] = min(max(width_scale[eye, i - 1] + share * step[i], WIDTH_RANGE[0]), WIDTH_RANGE[1])
 
 
-@kernel
+@tick_kernel
 def widen_unsettled(step: FloatArray, out: Cells) -> None:
     """Widen the covariance of found cells by what a step (COMMON,) still to be taken would move their centres by."""
     wrong = LINEAR * step[BLUR]

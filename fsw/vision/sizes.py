@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray, solve
 from fsw.vision.perspective import extent_across, side_normal
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 GATE_SIGMAS = 4.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
@@ -27,7 +27,7 @@ _ROUNDS = 5  # trend and scatter of the sizes, each time without those that are 
 _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do not tell it
 
 
-@kernel
+@tick_kernel
 def widen_odd_sizes(
     expected_px: FloatArray, tilted_px: FloatArray, work: FloatArray, out: Cells, odd: NDArray[np.bool_]
 ) -> None:
@@ -58,7 +58,7 @@ def widen_odd_sizes(
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
 
 
-@kernel
+@tick_kernel
 def _compare(expected_px: FloatArray, tilted_px: FloatArray, axis: int, work: FloatArray, out: Cells) -> int:
     """Write to work (N, ..) how much larger than expected cells are along an axis, its normal, and their terms.
 
@@ -86,7 +86,7 @@ def _compare(expected_px: FloatArray, tilted_px: FloatArray, axis: int, work: Fl
     return count
 
 
-@kernel
+@tick_kernel
 def _even(work: FloatArray, cells: int, terms: int) -> float:
     """Write to work[:, 3] what of the sizes work[:, 0] changes evenly across the view; returns the others' scatter.
 

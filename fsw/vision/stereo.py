@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
 from fsw.vision.rig import Eyes, project
-from wingbeat.kernels import kernel
+from wingbeat.kernels import tick_kernel
 
 BoolArray = NDArray[np.bool_]
 Vector = tuple[float, float, float]
@@ -43,7 +43,7 @@ def make_points(count: int) -> Points:
     )
 
 
-@kernel
+@tick_kernel
 def triangulate(P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric]) -> Vector:
     """Point of least weighted reprojection error.
 
@@ -66,7 +66,7 @@ def triangulate(P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric
     return start[0] + dx, start[1] + dy, start[2] + dz
 
 
-@kernel
+@tick_kernel
 def _linearise(
     P: FloatArray, pixel: Pixels, weight: tuple[Symmetric, Symmetric], point: Vector
 ) -> tuple[Matrix, Vector, float]:
@@ -91,7 +91,7 @@ def _linearise(
     return (xx, xy, xz, yy, yz, zz), (gx, gy, gz), squares
 
 
-@kernel
+@tick_kernel
 def _inverse3(A: Matrix) -> Matrix:
     """Inverse of a symmetric 3 x 3 matrix; infinite where it has none."""
     a, b, c, d, e, f = A
@@ -109,7 +109,7 @@ def _inverse3(A: Matrix) -> Matrix:
     )
 
 
-@kernel
+@tick_kernel
 def _solve3(A: Matrix, b: Vector) -> Vector:
     """Solution x of the symmetric 3 x 3 system A x = b; infinite where there is none."""
     xx, xy, xz, yy, yz, zz = _inverse3(A)
@@ -122,7 +122,7 @@ def _solve3(A: Matrix, b: Vector) -> Vector:
     )
 
 
-@kernel
+@tick_kernel
 def triangulate_cells(
     eyes: Eyes,
     corners_px: FloatArray,
@@ -146,7 +146,7 @@ def triangulate_cells(
     retriangulate_cells(eyes, corners_px, centre_px, covariance_px2, matched, out)
 
 
-@kernel
+@tick_kernel
 def retriangulate_cells(
     eyes: Eyes,
     corners_px: FloatArray,
@@ -188,7 +188,7 @@ def retriangulate_cells(
         out.valid[n] = math.isfinite(out.sigma_mm[n]) and 0.0 < depth < FARTHEST_MM
 
 
-@kernel
+@tick_kernel
 def _weight(covariance_px2: FloatArray) -> Symmetric:
     """Inverse of a covariance xx, xy, yy."""
     a, b, c = covariance_px2[0], covariance_px2[1], covariance_px2[2]
