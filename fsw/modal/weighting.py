@@ -11,6 +11,8 @@ FloatArray = NDArray[np.float64]
 ROUNDING = 1e-9
 # Correlations of noise below so many of their deviations are taken for chance.
 _CHANCE = 2.0
+# A direction with less of its noise than this part of what chance leaves the quietest is quiet by something in common.
+_QUIET = 0.5
 
 
 def whitening(fit: Fit, least: float) -> tuple[FloatArray, int]:
@@ -18,23 +20,26 @@ def whitening(fit: Fit, least: float) -> tuple[FloatArray, int]:
 
     And how many coordinates are coupled with one by their noise, itself included, at most. In a short record most
     correlations are chance, and weights that followed them would cost as much as p further unknowns. So each
-    correlation r is shrunk by what it scatters by, (1 - r^2) / sqrt(T): small ones vanish, strong ones stay. Source:
-    the non-negative garrote (Breiman 1995), entry by entry.
+    correlation r is shrunk by what it scatters by, (1 - r^2) / sqrt(T): the non-negative garrote (Breiman 1995), entry
+    by entry. Where some direction has less noise than chance leaves it (half of the lower edge of Marchenko and Pastur
+    1967), the coordinates have something in common, and all correlations stay as they are.
     """
     count, width = fit.residual.shape
     freedom = max(count - len(fit.triangle) - 2 * len(fit.poles) / width, 1.0)
     deviation = np.sqrt(np.maximum(np.sum(fit.residual**2, axis=0) / freedom, least))
     unit = fit.residual / deviation
     seen = unit.T @ unit / freedom
-    squares = np.minimum(seen**2, 1.0)
-    kept = np.maximum(1.0 - _CHANCE**2 * (1.0 - squares) ** 2 / (count * np.maximum(squares, 1e-300)), 0.0)
-    shrunk = kept * seen
-    np.fill_diagonal(shrunk, 1.0)
-    values, vectors = np.linalg.eigh(shrunk)
-    # Shrinking one by one can take what a direction has away; it never had less than this.
-    floor = max(float(np.linalg.eigvalsh(seen)[0]), ROUNDING)
-    root = (vectors / np.sqrt(np.maximum(values, floor))) @ vectors.T
-    return root / deviation[:, None], int(np.max(np.count_nonzero(shrunk, axis=1)))
+    values, vectors = np.linalg.eigh(seen)
+    coupled = width
+    if values[0] > _QUIET * (1.0 - min(np.sqrt(width / freedom), 1.0)) ** 2:
+        squares = seen**2
+        scatter = (1.0 - squares) ** 2 / count
+        shrunk = np.maximum(1.0 - _CHANCE**2 * scatter / np.maximum(squares, 1e-300), 0.0) * seen
+        np.fill_diagonal(shrunk, 1.0)
+        values, vectors = np.linalg.eigh(shrunk)
+        coupled = int(np.max(np.count_nonzero(shrunk, axis=1)))
+    root = (vectors / np.sqrt(np.maximum(values, ROUNDING**2))) @ vectors.T
+    return root / deviation[:, None], coupled
 
 
 def weighting_loss(samples: float, coordinates: float) -> float:
