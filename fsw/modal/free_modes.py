@@ -55,7 +55,7 @@ def identify_decay(
     decay = find_decay(time_s, coordinates.signals[start:], coordinates.rate_hz, correlation, options)
     fit = decay.fit
     count = len(fit.poles)
-    frequency_hz, damping = np.abs(fit.poles) / (2.0 * np.pi), -fit.poles.real / np.abs(fit.poles)
+    frequency_hz, damping = frequency_and_damping(fit.poles)
     loss = weighting_loss(len(time_s) - len(fit.triangle), decay.coupled)
     around = [beside(time_s, fit, j) for j in range(count)]
     noise = np.array([there.power(fit.residual) for there in around])

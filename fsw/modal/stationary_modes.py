@@ -73,13 +73,7 @@ def _drift_flagged(modes: list[Mode], profiles: list[FloatArray]) -> list[Mode]:
     valid = [profile for mode, profile in zip(modes, profiles, strict=True) if mode.valid]
     together = bool(valid) and moves(valid)
     return [
-        replace(
-            mode,
-            valid=False,
-            flags=sorted({*mode.flags, "time_varying"}),
-            damping_ratio=np.nan,
-            damping_ratio_sigma=np.nan,
-        )
+        replace(mode.flagged("time_varying"), damping_ratio=np.nan, damping_ratio_sigma=np.nan)
         if together or ("weak" not in mode.flags and moves([profile]))
         else mode
         for mode, profile in zip(modes, profiles, strict=True)

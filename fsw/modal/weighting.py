@@ -42,7 +42,7 @@ def whitening(fit: Fit, least: float) -> tuple[FloatArray, int]:
     return root / deviation[:, None], coupled
 
 
-def weighting_loss(samples: float, coordinates: float) -> float:
+def weighting_loss(samples: float, coordinates: int) -> float:
     """Factor of a variance that was computed with weights from the same noise: n^2 / ((n - p) (n - p - 1)).
 
     The inverse of a covariance (p, p) estimated from n samples is too large by n / (n - p - 1) in the mean, and

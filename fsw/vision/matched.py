@@ -187,7 +187,6 @@ def match_segments(
 
     lean_px: see inset_px.
     """
-    # Arrays are taken out of their tuples once: each time costs two atomic counts.
     intrinsics, distortion, pooled, segments = lens.intrinsics, lens.distortion, scratch.pooled, scratch.segments
     weight, own, scale = scratch.templates.weight, scratch.templates.pixel_weight, scratch.templates.scale
     noise, taps = scratch.templates.noise, scratch.templates.taps[row]
