@@ -14,6 +14,7 @@ from sim.bench.vision_disturbed import DISTURBANCES, clear_world, light_of, pixe
 from sim.bench.vision_floor import floor_covariance_mm2, offset_information, shown_length
 from sim.bench.vision_methods import printed, sequence_scene
 from sim.bench.vision_motion import motions
+from sim.bench.vision_sensors import SENSORS, disc
 from sim.bench.vision_stand import Truth, bench_scenario
 from sim.bench.vision_stress import Score, hidden_cells, stress
 from sim.bench.vision_tracking import chi_square, sum_bytes
@@ -226,10 +227,21 @@ def test_pixels_of_clear_light_are_those_of_the_world_up_to_noise() -> None:
 
 
 def test_a_stress_row_at_small_size_says_what_was_measured() -> None:
-    rows = stress(DISTURBANCES[0], range(7, 8), 4)
+    rows = stress("stress", DISTURBANCES[0], range(7, 8), 4)
     assert [row["method"] for row in rows] == ["ours, from ACQUIRE", "ours, in TRACK"]
     for row in rows:
         assert row["started"] == 1 and row["recall"] > 0.95 and row["off_1_px"] == 0
+
+
+def test_a_disc_of_defocus_biases_the_cells_at_a_border_and_their_deviations_say_so() -> None:
+    shares = disc(4.0)
+    at = np.arange(len(shares)) - len(shares) // 2
+    assert shares.sum() == pytest.approx(1.0)
+    assert (shares.sum(axis=0) * at**2).sum() == pytest.approx(4.0**2 / 4.0 + 1.0 / 12.0, rel=0.01)
+    assert SENSORS[0].name.startswith("defocus")
+    for row in stress("sensors", SENSORS[0], range(1, 2), 2):
+        assert row["recall"] == 1.0 and row["off_1_px"] == row["off_5_sigma"] == 0
+        assert row["worst_mm"] > 0.02
 
 
 def test_the_motions_are_those_of_the_table() -> None:
@@ -242,6 +254,7 @@ def test_the_motions_are_those_of_the_table() -> None:
 def test_tables_are_chosen_by_name_and_unknown_ones_are_refused() -> None:
     assert len(cases("stress", 1, 1)) == len(DISTURBANCES)
     assert len(cases("tracking, motion", 1, 1)) == 2 + len(motions())
+    assert len(cases("sensors", 1, 1)) == len(SENSORS)
     with pytest.raises(InputError, match="choose of " + ", ".join(TABLES)):
         cases("stess", 1, 1)
 

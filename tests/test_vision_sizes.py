@@ -8,8 +8,8 @@ from fsw.vision.sizes import EVEN_PX, TERMS, WORK, widen_odd_sizes
 COUNT, VARIANCE = 60, 1e-6
 
 
-def widened(shift: np.ndarray, scale: float = 1.0) -> np.ndarray:
-    """Covariances (N, 3) of cells whose upper side is measured `shift` (N,) px too far out."""
+def widened(shift: np.ndarray, scale: float = 1.0, at_border: np.ndarray | None = None) -> np.ndarray:
+    """Covariances (N, 3) of cells whose upper side is measured `shift` (N,) px too far out; at_border: which cells."""
     draw = np.random.default_rng(5)
     place = 50.0 * np.stack(np.divmod(np.arange(COUNT), 10), axis=1)
     square = np.array([[0.0, 0.0], [40.0, 3.0], [37.0, 33.0], [-3.0, 30.0]])
@@ -24,7 +24,10 @@ def widened(shift: np.ndarray, scale: float = 1.0) -> np.ndarray:
     # The surface is 0.1 px shorter than its kinks say.
     expected[:, 2:] -= 0.1 * upwards
     tilted = np.tile([0.1, 0.0], (COUNT, 1))
-    widen_odd_sizes(expected, tilted, np.zeros((COUNT + TERMS + 1, WORK)), cells, odd)
+    bordering = np.zeros((COUNT, 4), np.bool_)
+    if at_border is not None:
+        bordering[at_border, 2] = True
+    widen_odd_sizes(expected, tilted, bordering, np.zeros((COUNT + TERMS + 1, WORK)), cells, odd)
     assert (odd == (cells.covariance_px2 > VARIANCE).any(axis=1)).all()
     assert (cells.found == (abs(shift - np.median(shift)) < 0.5)).all()
     return cells.covariance_px2
@@ -60,3 +63,18 @@ def test_a_whole_row_of_wrong_sides_at_the_rim_does_not_pass_for_the_wings_bendi
     shift = np.zeros(COUNT)
     shift[:10] = 2.0 * EVEN_PX
     assert (widened(0.9 * shift)[:10, 2] > 0.1**2).all()
+
+
+def test_what_cells_at_a_border_differ_by_from_the_rest_widens_them_and_no_other() -> None:
+    rows = np.arange(COUNT) % 10
+    border = np.flatnonzero((rows == 9) | (rows == 4))  # of two panels
+    shift = np.zeros(COUNT)
+    shift[border] = 0.02
+    C = widened(shift, at_border=border)[:, 2]
+    assert (np.sqrt(C[border]) > 0.8 * 0.01).all() and (np.sqrt(C[border]) < 1.5 * 0.01).all()
+    assert (np.delete(C, border) == VARIANCE).mean() > 0.95
+    # Without a difference nothing is widened, and one odd cell of them is still odd.
+    shift[border] = 0.0
+    shift[border[3]] = 0.3
+    C = widened(shift, at_border=border)[:, 2]
+    assert (C == VARIANCE).mean() > 0.9 and C[border[3]] > 0.14**2

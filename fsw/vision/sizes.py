@@ -3,7 +3,8 @@
 What size a cell is seen with, the surface tells that was fitted to this tick's points, with its kinks at the folds: the
 one expected before would show cells larger or smaller towards the rim of a view in motion. Where even that is not
 exact, as with a blur or a scale that is a little wrong, a plane and its curvature through all sizes is no fault of any
-cell.
+cell. Cells at a border have one side without a line; a blur of another shape than the models' pulls it otherwise than
+lines, all of them alike. What they are larger or smaller by than the rest tells so, and not which sides are wrong.
 """
 
 import math
@@ -19,7 +20,8 @@ from wingbeat.kernels import tick_kernel
 GATE_SIGMAS = 4.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
 EVEN_PX = 0.25  # as much as sizes differ evenly; what is farther off has no say in what is even
-TERMS = 6  # 1, u, v, u2, uv, v2
+STEP = 6
+TERMS = 7  # 1, u, v, u2, uv, v2, and STEP: from the other cells to those at a border
 USED = 4 + TERMS  # column of the working memory that says which sizes the trend is fitted to
 WORK = USED + 1  # columns of the working memory
 _LEAST = 3 * TERMS  # cells that tell a curvature; fewer tell the mean
@@ -29,37 +31,54 @@ _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do n
 
 @tick_kernel
 def widen_odd_sizes(
-    expected_px: FloatArray, tilted_px: FloatArray, work: FloatArray, out: Cells, odd: NDArray[np.bool_]
+    expected_px: FloatArray,
+    tilted_px: FloatArray,
+    bordering: NDArray[np.bool_],
+    work: FloatArray,
+    out: Cells,
+    odd: NDArray[np.bool_],
 ) -> None:
     """Widen the covariance of cells an extent of which is odd: one of its two sides is off by the difference.
 
     expected_px (N, 4, 2): corners by the surface fitted to this tick's points; tilted_px (N, 2): see tilt_extents.
-    work (N + TERMS + 1, WORK): written. odd (N,): set where a covariance was widened. Which side is wrong is not known,
-    so both may be: the centre is off by half of the difference for each.
+    bordering (N, 4): whether no cell lies across. work (N + TERMS + 1, WORK): written. odd (N,): set where a covariance
+    was widened. Which side is wrong is not known, so both may be: the centre is off by half of the difference for each.
     """
     cells = len(expected_px)
     for axis in range(2):
-        count = _compare(expected_px, tilted_px, axis, work, out)
+        count = _compare(expected_px, tilted_px, bordering, axis, work, out)
         if count < 3:
             continue
-        scatter = _even(work, cells, TERMS if count >= _LEAST else 1)
+        scatter, step = _even(work, cells, TERMS if count >= _LEAST else 1)
         for n in range(cells):
-            off, nx, ny = work[n, 0] - work[n, 3], work[n, 1], work[n, 2]
-            if math.isnan(off):
+            if not out.found[n]:
                 continue
+            off, nx, ny = work[n, 0] - work[n, 3], work[n, 1], work[n, 2]
             C = out.covariance_px2[n]
             # The extent is the difference of two sides, the centre their mean: four times the variance.
             own = 4.0 * (C[0] * nx * nx + 2.0 * C[1] * nx * ny + C[2] * ny * ny)
+            wider = 0.0
             if off * off > GATE_SIGMAS**2 * max(own, scatter * scatter):
                 if abs(off) > ODD_PX:
                     out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
                 wider = 0.5 * off * off
+            if work[n, 4 + STEP] > 0.0 and step * step > own:
+                # Less is noise. Where a side is hidden, the centre moves by all that the other one is off by.
+                wider += (0.25 if out.paired[n, axis] else 1.0) * step * step
+            if wider > 0.0:
                 odd[n] = True
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
 
 
 @tick_kernel
-def _compare(expected_px: FloatArray, tilted_px: FloatArray, axis: int, work: FloatArray, out: Cells) -> int:
+def _compare(
+    expected_px: FloatArray,
+    tilted_px: FloatArray,
+    bordering: NDArray[np.bool_],
+    axis: int,
+    work: FloatArray,
+    out: Cells,
+) -> int:
     """Write to work (N, ..) how much larger than expected cells are along an axis, its normal, and their terms.
 
     NaN where not both sides were seen. Returns of how many they were.
@@ -68,13 +87,16 @@ def _compare(expected_px: FloatArray, tilted_px: FloatArray, axis: int, work: Fl
     u0, u1, v0, v1 = math.inf, -math.inf, math.inf, -math.inf
     for n in range(len(expected_px)):
         work[n, 0] = math.nan
-        if not out.paired[n, axis]:
+        work[n, 4 + STEP] = bordering[n, axis] != bordering[n, axis + 2]
+        if not out.found[n]:
             continue
         _, nx, ny = side_normal(expected_px[n], axis)
+        work[n, 1], work[n, 2] = nx, ny
+        if not out.paired[n, axis]:
+            continue
         e = expected_px[n]
         work[n, 0] = extent_across(out.corners_px[n], axis, nx, ny)
         work[n, 0] -= extent_across(e, axis, nx, ny) + tilted_px[n, axis]
-        work[n, 1], work[n, 2] = nx, ny
         u, v = 0.5 * (e[0, 0] + e[2, 0]), 0.5 * (e[0, 1] + e[2, 1])
         work[n, 5], work[n, 6] = u, v
         u0, u1, v0, v1 = min(u0, u), max(u1, u), min(v0, v), max(v1, v)
@@ -87,13 +109,13 @@ def _compare(expected_px: FloatArray, tilted_px: FloatArray, axis: int, work: Fl
 
 
 @tick_kernel
-def _even(work: FloatArray, cells: int, terms: int) -> float:
-    """Write to work[:, 3] what of the sizes work[:, 0] changes evenly across the view; returns the others' scatter.
+def _even(work: FloatArray, cells: int, terms: int) -> tuple[float, float]:
+    """Write to work[:, 3] what of the sizes work[:, 0] changes evenly across the view; returns the scatter, and STEP.
 
     The rows behind the cells' are the normal equations. Sizes far from the trend are left out, round by round; the
     first one is the mean, so that a row of wrong sides at the rim does not bend it.
     """
-    scatter, limit = 0.0, math.inf
+    scatter, limit, step = 0.0, math.inf, 0.0
     for n in range(cells):
         work[n, 3] = work[n, USED] = 0.0
     for turn in range(_ROUNDS):
@@ -117,16 +139,17 @@ def _even(work: FloatArray, cells: int, terms: int) -> float:
             A[i, i] += _HOLD
         if A[0, 0] < 3.0 or not solve(A, b, used):
             break
+        step = min(max(b[STEP], -EVEN_PX), EVEN_PX) if used > STEP else 0.0
         squares, count = 0.0, 0
         for n in range(cells):
             trend = 0.0
-            for i in range(1, used):
+            for i in range(1, min(used, STEP)):
                 trend += b[i] * work[n, 4 + i]
-            trend = b[0] + min(max(trend, -EVEN_PX), EVEN_PX)
+            trend = b[0] + min(max(trend, -EVEN_PX), EVEN_PX) + step * work[n, 4 + STEP]
             off = work[n, 0] - trend
             if work[n, USED] > 0.0:
                 squares, count = squares + off * off, count + 1
             work[n, 3] = trend
         scatter = math.sqrt(squares / count)
         limit = min(GATE_SIGMAS * scatter, EVEN_PX)
-    return scatter
+    return scatter, step

@@ -175,7 +175,8 @@ class Tracker:
         tilt_extents(self.surface, self.eyes, self.expected_px, self.wanted, self._bow, self._tilted_px)
         odd[:] = False
         for eye in (0, 1):
-            widen_odd_sizes(self.expected_px[eye], self._tilted_px[eye], self._sizes[eye], cells[eye], odd)
+            expected, tilted = self.expected_px[eye], self._tilted_px[eye]
+            widen_odd_sizes(expected, tilted, self.bordering, self._sizes[eye], cells[eye], odd)
         np.logical_and(odd, matched, out=odd)
         retriangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, odd, points)
         for eye in (0, 1):

@@ -25,7 +25,7 @@ def bench(
         Path | None, typer.Option(help="vision: a recorded sequence's folder with its truth.npz, for `methods`.")
     ] = None,
     binning: Annotated[
-        int, typer.Option(min=1, help="vision: pixels a side read as one in `stress` and `motion`; 1: full images.")
+        int, typer.Option(min=1, help="vision: pixels a side read as one in simulated tables; 1: full images.")
     ] = 2,
     pace_seconds: Annotated[float, typer.Option(min=1.0, help="vision: duration of `pace`, at real pace.")] = 60.0,
     json_file: Annotated[str | None, typer.Option("--json", help="The rows as JSON; - for stdout.")] = None,

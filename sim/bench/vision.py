@@ -13,6 +13,7 @@ from sim.bench.vision_matchers import Matcher, orb, ours, paper_literal, sift
 from sim.bench.vision_methods import methods, paper_scene, printed, sequence_scene
 from sim.bench.vision_motion import motion, motions
 from sim.bench.vision_pace import pace
+from sim.bench.vision_sensors import SENSORS
 from sim.bench.vision_stand import Stand
 from sim.bench.vision_stress import stress
 from sim.bench.vision_tracking import tracking
@@ -20,7 +21,7 @@ from wingbeat.errors import InputError
 
 RUNS = 5
 STRESS_BINNING = 2
-TABLES = ("tracking", "stress", "motion", "methods", "pace")
+TABLES = ("tracking", "stress", "sensors", "motion", "methods", "pace")
 
 
 def cases(
@@ -33,8 +34,8 @@ def cases(
 ) -> list[Callable[[], Sequence[Row]]]:
     """What is measured, one after the other.
 
-    rows: tables by name, separated by commas. runs: seeds a row of `stress` and `motion`. sequence: folder of a
-    recorded sequence with its truth, for `methods`. binning: pixels a side read as one in `stress` and `motion`.
+    rows: tables by name, separated by commas. runs: seeds a row of `stress`, `sensors`, `motion`. sequence: folder of a
+    recorded sequence with its truth, for `methods`. binning: pixels a side read as one in the same tables.
     """
     wanted = list(TABLES) if rows is None else [name.strip() for name in rows.split(",")]
     for name in wanted:
@@ -44,8 +45,9 @@ def cases(
     found: list[Callable[[], Sequence[Row]]] = []
     if "tracking" in wanted:
         found += [partial(tracking, 1, seed, at_rest) for at_rest in (False, True)]
-    if "stress" in wanted:
-        found += [partial(stress, disturbance, seeds, binning) for disturbance in DISTURBANCES]
+    for name, disturbances in (("stress", DISTURBANCES), ("sensors", SENSORS)):
+        if name in wanted:
+            found += [partial(stress, name, disturbance, seeds, binning) for disturbance in disturbances]
     if "motion" in wanted:
         found += [partial(motion, case, seeds, binning) for case in motions()]
     if "methods" in wanted:

@@ -1,4 +1,4 @@
-"""Table `stress`: bad light, optics and poses over seeds: how many cells are still measured, and is any wrong."""
+"""Tables `stress` and `sensors`: bad light, lenses, sensors and poses: how many cells are measured, is any wrong."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -81,13 +81,13 @@ class Score:
         }
 
 
-def stress(disturbance: Disturbance, seeds: range, binning: int) -> list[Row]:
+def stress(table: str, disturbance: Disturbance, seeds: range, binning: int) -> list[Row]:
     """Two rows: searched in a disturbed image and then tracked, and tracked after a search in a good one."""
     names = {"ours, from ACQUIRE": Score(), "ours, in TRACK": Score()}
     for seed in seeds:
         _one_seed(disturbance, seed, binning, *names.values())
     return [
-        {"table": "stress", "method": name, "case": disturbance.name, "seeds": len(seeds), "started": score.started}
+        {"table": table, "method": name, "case": disturbance.name, "seeds": len(seeds), "started": score.started}
         | score.row()
         for name, score in names.items()
     ]
