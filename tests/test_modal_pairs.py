@@ -29,7 +29,8 @@ def found_from_one(modes: list[tuple[float, float, float, list[complex]]], seed:
         signals = signals + deviation * (response(f, damping, 100 * seed + j)[:, None] * np.array(shape)).real
     f, damping, _, shape = modes[0]
     own = Pole(8, pole(f, damping), np.array(shape, np.complex128), 1.0, 1.0, True)
-    return refined([Candidate(own, 9, f, damping, 0.0, 0.0)], signals - signals.mean(axis=0), RATE_HZ)
+    signals -= signals.mean(axis=0)
+    return refined([Candidate(own, 9, f, damping)], signals, np.fft.rfft(signals, axis=0), RATE_HZ)
 
 
 @pytest.mark.parametrize("damping", [0.001, 0.005, 0.02])

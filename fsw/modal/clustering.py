@@ -1,6 +1,7 @@
 """Poles of many orders gathered into physical modes: the stabilisation diagram and its clusters."""
 
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,8 @@ class Candidate:
     count: int
     frequency_hz: float
     damping_ratio: float
-    frequency_scatter_hz: float
-    damping_scatter: float
+    frequency_scatter_hz: float = 0.0
+    damping_scatter: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -124,9 +125,8 @@ def cluster(poles: list[Pole], least: int) -> list[Candidate]:
         members = [seeds[i] for i in chosen]
         count = len({p.order for p in members})
         if count >= least:
-            f, zeta = frequency_hz[chosen], damping[chosen]
             middle = sorted(members, key=lambda p: (p.damping_ratio, p.order))[len(members) // 2]
-            candidates.append(
-                Candidate(middle, count, float(np.median(f)), float(np.median(zeta)), float(f.std()), float(zeta.std()))
-            )
+            f, zeta = frequency_hz[chosen], damping[chosen]
+            medians = median(f.tolist()), median(zeta.tolist())
+            candidates.append(Candidate(middle, count, *medians, float(f.std()), float(zeta.std())))
     return sorted(candidates, key=lambda c: -c.pole.singular_value)

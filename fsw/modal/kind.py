@@ -9,7 +9,7 @@ from fsw.modal.decay import onset
 from fsw.modal.realisation import continuous, poles_of_order, realise
 from fsw.modal.refinement import Fit, project
 from fsw.modal.remainder import tallest
-from fsw.modal.result import Options
+from fsw.modal.result import Mode, Options
 
 FloatArray = NDArray[np.float64]
 
@@ -48,6 +48,15 @@ def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     there = hz * len(level.signals) / level.rate_hz
     before, after = (float(_about(_spectrum(y), there).sum()) for y in (level.signals, left.residual))
     return after < _PLAINLY_RANDOM * before
+
+
+def random_may_fall(modes: list[Mode], coordinates: Coordinates) -> bool:
+    """Whether modes of a decay, none of them valid, may be of a random response that fell by chance.
+
+    A record of so many cycles tells a random response from what is no steady decay: it is worth a look as such.
+    """
+    strongest = max(modes, key=lambda mode: mode.amplitude, default=None)
+    return strongest is None or strongest.frequency_hz * float(coordinates.time_s[-1]) > _MANY_CYCLES
 
 
 def _spectrum(signals: FloatArray) -> FloatArray:

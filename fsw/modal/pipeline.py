@@ -15,7 +15,7 @@ from fsw.modal.decay import LEAST_SAMPLES
 from fsw.modal.forced import identify_forced
 from fsw.modal.free_modes import identify_decay
 from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
-from fsw.modal.kind import may_fall_freely
+from fsw.modal.kind import may_fall_freely, random_may_fall
 from fsw.modal.paper import identify_as_paper
 from fsw.modal.pieces import telling_piece
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
@@ -76,7 +76,7 @@ def identify(
     modes: list[Mode] = []
     poles: list[Pole] = []
     decided: Kind = "ambient"
-    falls = False
+    is_decay = falls = False
     if u is not None:
         free, _, _ = identify_decay(coordinates, fixed_window, settings)
         modes, poles = identify_forced(coordinates, _inputs(u, coordinates), free, settings)
@@ -87,11 +87,16 @@ def identify(
     elif kind == "decay" or may_fall_freely(coordinates, settings):
         correlation = spectral if settings.correlation == "spectral" else fixed_window
         modes, poles, is_decay = identify_decay(coordinates, correlation, settings)
-        decided = "decay" if kind == "decay" or (kind == "auto" and is_decay) else "ambient"
         falls = is_decay and any(mode.valid for mode in modes)
+        sure = falls or (is_decay and not random_may_fall(modes, coordinates))
+        decided = "decay" if kind == "decay" or (kind == "auto" and sure) else "ambient"
     if decided == "ambient" and settings.method == "refined" and u is None:
         correlation = fixed_window if settings.correlation == "fixed_window" else spectral
-        modes, poles = identify_ambient(coordinates, correlation, settings)
+        driven, of_driven = identify_ambient(coordinates, correlation, settings)
+        if kind == "auto" and is_decay and not any(mode.valid for mode in driven):
+            decided = "decay"  # of which the one is no better than the other
+        else:
+            modes, poles = driven, of_driven
         if falls:  # whatever the caller said, for a stationary response does not
             modes = [mode.flagged("not_exponential") for mode in modes]
     modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))

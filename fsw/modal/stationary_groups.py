@@ -5,22 +5,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.ambient import weigh_peak
 from fsw.modal.clustering import Candidate
-from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS, LEAST_RISE
+from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
 from fsw.modal.indicators import shape_assurance
-from fsw.modal.stationary_likelihood import Group, band_of, first_guess, half_band_hz, most_likely, without
+from fsw.modal.stationary_likelihood import Group, band_of, first_guess, most_likely, without
 from fsw.modal.stationary_model import Band
+from fsw.modal.stationary_peaks import (
+    CLEAR,
+    LEAST_COEFFICIENTS,
+    LEAST_DAMPING,
+    MOST,
+    MOST_DAMPING,
+    directions,
+    hidden,
+    reach,
+    reach_hz,
+)
 from fsw.modal.stationary_posterior import Estimate, posterior
 from fsw.modal.uncertainty import au_law
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-# Modes that are refined together at most, and coefficients that a band must hold.
-_MOST, _LEAST_COEFFICIENTS = 3, 5
-# Damping that a search starts from, and the most that makes a band wider.
-_LEAST_DAMPING, _MOST_DAMPING = 5e-4, 0.15
 # A candidate in so many orders is one whatever the likelihood says: a second peak of one shape may be the force's.
 _OFTEN = 8
 # Of modes of the very shape in a band each must gain so much: the peak of one mode falls in two by chance, with a gain
@@ -28,11 +34,6 @@ _OFTEN = 8
 VERY_SHAPE, _PIECE_GAIN = 0.95, 30.0
 # Of candidates that can do without each other, the likelihoods without them differ by less than this.
 _TIE = 0.5
-# A direction of a band's motion has at least so much more power than the least.
-_CLEAR = 4.0
-# A direction holds a mode of its own if its tallest coefficient is so many times the middle one, and if the others
-# explain less than this share of it.
-_TALL, _IN_STEP = 3.0, 0.5
 # Filters that would amplify more than the inverse of this let neighbours pass.
 _FLAT = 0.1
 # A candidate that moves by more than so many widths, from itself or from a dropped piece of its peak, was another
@@ -61,23 +62,22 @@ def real_shape(shape: ComplexArray) -> FloatArray:
     return real / max(float(np.linalg.norm(real)), 1e-300)
 
 
-def refined(found: list[Candidate], signals: FloatArray, rate_hz: float) -> list[Refined]:
+def refined(found: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float) -> list[Refined]:
     """Candidates by likelihood. One that its neighbours explain as well is left out.
 
-    signals (T, p) of noise that is alike in all, without their mean.
+    signals (T, p) of noise that is alike in all, without their mean; spectrum (K, p): of them.
     """
     done: list[Refined] = []
-    spectrum = np.fft.rfft(np.ascontiguousarray(signals.T)).T
     waiting = sorted(found, key=lambda c: (c.count < LEAST_ORDERS, -c.pole.singular_value))
     while waiting:
         first, *waiting = waiting
-        reach_hz = _reach_hz(first.frequency_hz, first.damping_ratio, signals, rate_hz)
+        near_hz = reach_hz(first.frequency_hz, first.damping_ratio, signals, rate_hz)
         known = [entry.candidate for entry in done]
         least = min(first.count, LEAST_ORDERS)
         near = [
-            c for c in [*known, *waiting] if abs(c.frequency_hz - first.frequency_hz) < reach_hz and c.count >= least
+            c for c in [*known, *waiting] if abs(c.frequency_hz - first.frequency_hz) < near_hz and c.count >= least
         ]
-        near = sorted(near, key=lambda c: abs(c.frequency_hz - first.frequency_hz))[: _MOST - 1]
+        near = sorted(near, key=lambda c: abs(c.frequency_hz - first.frequency_hz))[: MOST - 1]
         fresh = [first, *(c for c in waiting if any(c is n for n in near))]
         done += _settled(fresh, [c for c in known if any(c is n for n in near)], signals, spectrum, rate_hz)
         waiting = [c for c in waiting if not any(c is n for n in near)]
@@ -88,30 +88,31 @@ def _settled(
     fresh: list[Candidate], known: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float
 ) -> list[Refined]:
     """The fresh candidates that are needed beside each other and the known ones; spectrum: of the signals."""
-    hidden = _hidden([*fresh, *known], signals, spectrum, rate_hz)
-    fresh = [*fresh, *hidden]
+    more = hidden([*fresh, *known], signals, spectrum, rate_hz)
+    fresh = [*fresh, *more]
     members = [*fresh, *known]
     frequency_hz = np.array([c.frequency_hz for c in members])
     damping = np.array([c.damping_ratio for c in members])
     shapes = np.stack([real_shape(c.pole.shape) for c in members], axis=1)
     for _ in range(2):
         # The band depends on the damping: a second round has the better one.
-        low_hz, high_hz, inside = _reach(frequency_hz, damping, signals, rate_hz)
+        low_hz, high_hz, inside = reach(frequency_hz, damping, signals, rate_hz)
         basis = _span(spectrum[inside], len(members))
         band = band_of(signals @ basis, rate_hz, low_hz, high_hz, spectrum @ basis)
-        if len(band.frequency_hz) < _LEAST_COEFFICIENTS:
+        if len(band.frequency_hz) < LEAST_COEFFICIENTS:
             return []
-        decay_rate = 2.0 * np.pi * frequency_hz * np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING)
+        decay_rate = 2.0 * np.pi * frequency_hz * np.clip(damping, LEAST_DAMPING, MOST_DAMPING)
         group = most_likely(band, first_guess(band, frequency_hz, decay_rate, basis.T @ shapes))
         frequency_hz, damping = group.modes.frequency_hz, group.modes.decay_rate / (2.0 * np.pi * frequency_hz)
         shapes = basis @ group.modes.shapes
     members, group = _needed(members, len(fresh), band, group)
     needed = members[: len(members) - len(known)]
+    pieces = np.array([_is_piece(members, band, group, j) for j in range(len(needed))])
     entries = [
-        _refined(c, _estimate(band, group, j), basis @ group.modes.shapes[:, j], _is_piece(members, band, group, j))
+        _refined(c, _estimate(band, *_whole(band, group, j, pieces)), basis @ group.modes.shapes[:, j], bool(pieces[j]))
         for j, c in enumerate(needed)
     ]
-    if hidden:  # a pole that stood for two modes lay between them, or at the other one
+    if more:  # a pole that stood for two modes lay between them, or at the other one
         return entries
     dropped = [c for c in fresh if not any(c is n for n in needed)]
     return [
@@ -124,68 +125,17 @@ def _settled(
     ]
 
 
-def _reach(
-    frequency_hz: FloatArray, damping: FloatArray, signals: FloatArray, rate_hz: float
-) -> tuple[float, float, slice]:
-    """Ends in Hz of the band of some modes, and where it is in the signals' spectrum."""
-    reach_hz = [_reach_hz(f, z, signals, rate_hz) for f, z in zip(frequency_hz, damping, strict=True)]
-    low_hz, high_hz = float(np.min(frequency_hz - reach_hz)), float(np.max(frequency_hz + reach_hz))
-    bins = len(signals) / rate_hz
-    return low_hz, high_hz, slice(max(int(np.ceil(low_hz * bins)), 0), int(high_hz * bins) + 1)
-
-
-def _reach_hz(frequency_hz: float, damping_ratio: float, signals: FloatArray, rate_hz: float) -> float:
-    damping = float(np.clip(damping_ratio, 0.0, _MOST_DAMPING))
-    return half_band_hz(frequency_hz, damping, len(signals) / rate_hz)
-
-
-def _hidden(members: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float) -> list[Candidate]:
-    """The mode that the subspace method took for one with the members, if there is one.
-
-    Their band then moves in one direction more than there are members, with a peak there. What moves in step with the
-    members is no mode of its own: their shapes are not quite real.
-    """
-    first, count = members[0], len(members)
-    hz, damping = np.array([(c.frequency_hz, c.damping_ratio) for c in members]).T
-    inside = _reach(hz, damping, signals, rate_hz)[2]
-    X = spectrum[inside]
-    if len(X) < _LEAST_COEFFICIENTS or not count < min(_MOST, X.shape[1]):
-        return []
-    power, directions = _directions(X)
-    along, across = X @ directions[:, :count], X @ directions[:, count]
-    tall = np.max(np.abs(across)) > _TALL * np.median(np.abs(across))
-    if power[count] < _CLEAR * power[-1] or not tall:
-        return []
-    in_step = along @ np.linalg.lstsq(along, across)[0]
-    if np.linalg.norm(in_step) ** 2 > _IN_STEP * np.linalg.norm(across) ** 2:
-        return []
-    peak_hz = (inside.start + int(np.argmax(np.abs(across)))) * rate_hz / len(signals)
-    zeta = float(np.clip(first.damping_ratio, _LEAST_DAMPING, _MOST_DAMPING))
-    peak = weigh_peak(signals @ directions[:, count], rate_hz, peak_hz, zeta)
-    if peak is None or peak.gain < LEAST_GAIN or peak.rise < LEAST_RISE:
-        return []
-    strength = first.pole.singular_value * float(np.sqrt(power[count] / power[0]))
-    pole = replace(first.pole, shape=directions[:, count].astype(np.complex128), singular_value=strength)
-    return [Candidate(pole, LEAST_ORDERS, peak_hz, zeta, 0.0, 0.0)]
-
-
 def _arrives(entry: Refined, start: Candidate, resolution_hz: float) -> bool:
     """Whether a refined mode is where a candidate was, within some of its widths."""
     width_hz = max(start.damping_ratio, 0.0) * start.frequency_hz + resolution_hz
     return abs(entry.candidate.frequency_hz - start.frequency_hz) < _FAR * width_hz
 
 
-def _directions(X: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Power (p,) and orthonormal directions (p, p) of the motion in a band of a spectrum (K, p), strongest first."""
-    power, directions = np.linalg.eigh((X.conj().T @ X).real)
-    return power[::-1], directions[:, ::-1]
-
-
 def _span(X: ComplexArray, most: int) -> FloatArray:
     """Directions (p, q) of the motion in a band of a spectrum (K, p): at most so many, and those that stand out."""
-    power, directions = _directions(X)
-    clear = int(np.count_nonzero(power > _CLEAR * power[-1])) if len(power) > most else len(power)
-    return directions[:, : max(min(clear, most), 1)]
+    power, axes = directions(X)
+    clear = int(np.count_nonzero(power > CLEAR * power[-1])) if len(power) > most else len(power)
+    return axes[:, : max(min(clear, most), 1)]
 
 
 def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> tuple[list[Candidate], Group]:
@@ -220,6 +170,19 @@ def _is_piece(members: list[Candidate], band: Band, group: Group, mode: int) -> 
     seen = [(c.count, c.pole.singular_value) for c in members]
     before = any(seen[int(j)] > seen[mode] for j in np.flatnonzero(_alike(group, mode)))
     return before and 2.0 * (group.likelihood - without(group, band, mode).likelihood) < _PIECE_GAIN
+
+
+def _whole(band: Band, group: Group, mode: int, pieces: NDArray[np.bool_]) -> tuple[Group, int]:
+    """A group without the pieces into which the peak of a mode fell, and the mode's place in it.
+
+    pieces (k,): which of the first modes are such. A broader one stands for what the force is not white by, and stays.
+    """
+    rates = group.modes.decay_rate
+    fell = pieces & (_alike(group, mode) & (rates <= rates[mode]))[: len(pieces)]
+    own = [] if pieces[mode] else np.flatnonzero(fell).tolist()
+    for j in own[::-1]:
+        group = without(group, band, j)
+    return group, mode - sum(j < mode for j in own)
 
 
 def _estimate(band: Band, group: Group, mode: int) -> Estimate:

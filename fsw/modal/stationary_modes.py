@@ -14,6 +14,7 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.stationary_drift import drift_profile, moves
 from fsw.modal.stationary_groups import VERY_SHAPE, Refined, real_shape, refined
+from fsw.modal.stationary_peaks import orders_under, overlooked
 from fsw.modal.stationary_start import begin_with_a_blow, start_gain
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +28,8 @@ _ROWS_OF_SAMPLES, _MOST_ROWS, _HANKEL_SIZE = 16, 60, 240
 _SAME_SHAPE = 0.8
 # Damping that a candidate may have; what grows a little may be a line.
 _DAMPING = (-0.02, 0.15)
+# What is found to be damped more is no vibration, and its frequency |s| / 2 pi may lie beyond the spectrum.
+_NO_VIBRATION = 0.3
 # Neighbours of a mode within this share of its frequency are kept out of its signal by their shapes.
 _NEIGHBOUR = 0.2
 # Beside a mode, poles with less than this share of its singular value are its fragments even farther off. To keep them
@@ -48,7 +51,10 @@ def identify_ambient(
     found, diagram = subspace_candidates(signals, rate_hz, correlation, rows, options.order, _ROWS_OF_SAMPLES)
     duration_s = len(signals) / rate_hz
     found = [c for c in found if c.frequency_hz * duration_s > 2.0 and _DAMPING[0] < c.damping_ratio < _DAMPING[1]]
-    entries = refined(_without_doubles(found, duration_s), signals, rate_hz)
+    found = _without_doubles(found, duration_s)
+    spectrum = np.fft.rfft(np.ascontiguousarray(signals.T)).T
+    found += overlooked(found, diagram, signals, spectrum, rate_hz)
+    entries = [e for e in refined(found, signals, spectrum, rate_hz) if e.candidate.damping_ratio < _NO_VIBRATION]
     found = [entry.candidate for entry in entries]
     modes, profiles, gains = [], [], []
     for entry in entries:
@@ -57,7 +63,8 @@ def identify_ambient(
         peak = weigh_peak(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio)
         if peak is not None and peak.gain > 0.0:
             split = entry.piece or _overlaps(candidate, found, duration_s)
-            modes.append(_mode(entry, peak, split, basis, coordinates, duration_s, options))
+            orders = max(candidate.count, orders_under(diagram, candidate, duration_s))
+            modes.append(_mode(entry, peak, orders, split, basis, coordinates, duration_s, options))
             noise = 2.0 * peak.floor / (peak.variance * duration_s)
             profiles.append(drift_profile(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
             if modes[-1].valid:
@@ -132,6 +139,7 @@ def _overlaps(candidate: Candidate, found: list[Candidate], duration_s: float) -
 def _mode(
     entry: Refined,
     peak: Peak,
+    orders: int,
     split: bool,
     basis: FloatArray,
     coordinates: Coordinates,
@@ -141,7 +149,7 @@ def _mode(
     candidate = entry.candidate
     pole, f, zeta = candidate.pole, candidate.frequency_hz, candidate.damping_ratio
     flags = common_flags(f, entry.frequency_sigma_hz, zeta, pole.coherence, coordinates.rate_hz, duration_s)
-    flags += ambient_flags(zeta, entry.damping_sigma, peak, entry.line_gain, entry.fall_gain, candidate.count)
+    flags += ambient_flags(zeta, entry.damping_sigma, peak, entry.line_gain, entry.fall_gain, orders)
     if split:
         flags.append("split")
     shape = (basis @ real_shape(pole.shape)).astype(np.complex128)
