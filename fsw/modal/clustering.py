@@ -23,7 +23,10 @@ LEAST_ORDERS = 3
 
 @dataclass(frozen=True)
 class Pole:
-    """One pole of one order: s in 1/s, shape (p,) in the coordinates' units, indicators, and whether it is stable."""
+    """One pole of one order: s in 1/s, shape (p,) in the coordinates' units, and whether it is stable.
+
+    Of one that is, the indicators coherence and singular_value; else they are 0.
+    """
 
     order: int
     s: complex
@@ -45,14 +48,13 @@ class Pole:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A cluster of poles: its member of median damping, its orders' count, medians and scatter over them."""
+    """A cluster of poles: its member of median damping, its orders' count, medians over its members, and these."""
 
     pole: Pole
     count: int
     frequency_hz: float
     damping_ratio: float
-    frequency_scatter_hz: float = 0.0
-    damping_scatter: float = 0.0
+    members: tuple[Pole, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,15 +93,20 @@ def stabilisation(system: Realisation, rate_hz: float, columns: int, band_hz: tu
     if len(poles.z) == 0:
         return []
     order = poles.order
-    coherence = amplitude_coherence(poles, columns)
-    strength = modal_singular_value(poles, columns)
     s = continuous(poles.z, rate_hz)
     frequency_hz, damping = frequency_and_damping(s)
     many = _many(frequency_hz, damping, poles.shape)
     stable = np.any(_alike(many, many) & (order[:, None] == order + 2), axis=1)
+    chosen = np.flatnonzero(stable)
+    trusted = poles.of(chosen)
+    coherence, strength = np.zeros((2, len(order)))
+    coherence[chosen] = amplitude_coherence(trusted, columns)
+    strength[chosen] = modal_singular_value(trusted, columns)
+    sequence = np.lexsort((frequency_hz, order))
+    numbers = (values[sequence].tolist() for values in (order, s, coherence, strength, stable))
     return [
-        Pole(int(order[i]), complex(s[i]), poles.shape[:, i], float(coherence[i]), float(strength[i]), bool(stable[i]))
-        for i in np.lexsort((frequency_hz, order))
+        Pole(of_order, its_s, shape, *indicators)
+        for of_order, its_s, *indicators, shape in zip(*numbers, poles.shape.T[sequence], strict=True)
     ]
 
 
@@ -113,8 +120,7 @@ def cluster(poles: list[Pole], least: int) -> list[Candidate]:
     seeds = sorted((p for p in poles if p.stable), key=lambda p: (-p.coherence * p.singular_value, p.order))
     if not seeds:
         return []
-    frequency_hz = np.array([p.frequency_hz for p in seeds])
-    damping = np.array([p.damping_ratio for p in seeds])
+    frequency_hz, damping = frequency_and_damping(np.array([p.s for p in seeds]))
     many = _many(frequency_hz, damping, np.stack([p.shape for p in seeds], axis=1))
     likeness = _alike(many, many)
     free = np.ones(len(seeds), np.bool_)
@@ -126,7 +132,6 @@ def cluster(poles: list[Pole], least: int) -> list[Candidate]:
         count = len({p.order for p in members})
         if count >= least:
             middle = sorted(members, key=lambda p: (p.damping_ratio, p.order))[len(members) // 2]
-            f, zeta = frequency_hz[chosen], damping[chosen]
-            medians = median(f.tolist()), median(zeta.tolist())
-            candidates.append(Candidate(middle, count, *medians, float(f.std()), float(zeta.std())))
+            medians = median(frequency_hz[chosen].tolist()), median(damping[chosen].tolist())
+            candidates.append(Candidate(middle, count, *medians, tuple(members)))
     return sorted(candidates, key=lambda c: -c.pole.singular_value)

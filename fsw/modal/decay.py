@@ -120,10 +120,10 @@ def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: li
     rounds, step = 0, 0.0
     least = ROUNDING**2 * float(np.max(signals.var(axis=0))) + 1e-300
     while True:
-        weights, coupled = whitening(span.fit(signals), least)
-        whitened = signals @ weights
-        start = span.fit(whitened)
-        fit = refined(start, whitened) if searched else start
+        plain = span.fit(signals)
+        weights, coupled = whitening(plain, least)
+        start = plain.weighed(weights)
+        fit = refined(start, signals @ weights) if searched else start
         last, step = step, moved(fit, start)
         drop = _least_needed(time_s, fit)
         if drop is not None:
@@ -145,10 +145,11 @@ def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
     if len(fit.poles) == 0:
         return None
     values = significance(fit)
-    for j in np.argsort(values, kind="stable"):
-        stronger = [i for i in range(len(values)) if values[i] > values[j] or (values[i] == values[j] and i < j)]
-        if any(_split(time_s, fit, int(j), i) for i in stronger):
-            return int(j)
+    for j in map(int, np.argsort(values, kind="stable")):
+        near = np.flatnonzero(_cycles_apart(time_s, fit, fit.poles[j]) < _SPLIT)
+        stronger = [i for i in map(int, near) if values[i] > values[j] or (values[i] == values[j] and i < j)]
+        if any(_split(time_s, fit, j, i) for i in stronger):
+            return j
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
     gone = (cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))
@@ -183,8 +184,13 @@ def complex_shape(fit: Fit, mode: int) -> ComplexArray:
     return fit.coefficients[2 * mode] - 1j * fit.coefficients[2 * mode + 1]
 
 
+def _cycles_apart(time_s: FloatArray, fit: Fit, s: complex) -> FloatArray:
+    """How many cycles over the record each mode (m,) is apart from a pole."""
+    return np.asarray(np.abs(fit.poles.imag - s.imag) / (2.0 * np.pi) * float(time_s[-1]))
+
+
 def _split(time_s: FloatArray, fit: Fit, a: int, b: int) -> bool:
-    apart = abs(fit.poles[a].imag - fit.poles[b].imag) / (2.0 * np.pi) * float(time_s[-1])
+    apart = _cycles_apart(time_s, fit, fit.poles[a])[b]
     return bool(
         apart < 0.05 or (apart < _SPLIT and shape_assurance(complex_shape(fit, a), complex_shape(fit, b)) > _SAME_SHAPE)
     )
@@ -192,7 +198,7 @@ def _split(time_s: FloatArray, fit: Fit, a: int, b: int) -> bool:
 
 def _near(pole: Pole, fit: Fit, time_s: FloatArray) -> bool:
     """Whether a fresh pole only repeats one that is fitted already, in frequency and shape."""
-    apart = np.abs(fit.poles.imag - pole.s.imag) / (2.0 * np.pi) * float(time_s[-1])
+    apart = _cycles_apart(time_s, fit, pole.s)
     return any(
         apart[j] < 0.05 or shape_assurance(pole.shape, complex_shape(fit, int(j))) > _SAME_SHAPE
         for j in np.flatnonzero(apart < 0.3)

@@ -58,7 +58,7 @@ def identify_decay(
     frequency_hz, damping = frequency_and_damping(fit.poles)
     loss = weighting_loss(len(time_s) - len(fit.triangle), decay.coupled)
     around = [beside(time_s, fit, j) for j in range(count)]
-    noise = np.array([there.power(fit.residual) for there in around])
+    noise = np.array([there.noise for there in around])
     sigmas = modal_sigmas(fit.poles, fit.information, loss * noise)
     departures = [departure(time_s, fit, j) for j in range(count)]
     for j, found in enumerate(departures):

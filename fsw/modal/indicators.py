@@ -16,7 +16,7 @@ def amplitude_coherence(poles: Poles, columns: int) -> FloatArray:
     as Juang and Pappa (1985) mean it; in print both series are the same and the value is always 1.
     """
     powers = np.vander(poles.z, columns, increasing=True)
-    identified = poles.identified.reshape(len(poles.z), columns, -1)
+    identified = poles.identified.reshape(len(poles.z), columns, poles.participation.shape[1])
     along = (identified @ poles.participation.conj()[:, :, None])[:, :, 0]
     inner = np.abs(np.sum(along * powers.conj(), axis=1))
     modelled = np.linalg.norm(poles.participation, axis=1) * np.linalg.norm(powers, axis=1)

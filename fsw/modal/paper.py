@@ -12,7 +12,7 @@ from fsw.modal.clustering import LEAST_ORDERS, Candidate, Pole, cluster, stabili
 from fsw.modal.coordinates import Coordinates, even_grid
 from fsw.modal.correlation import fixed_window, random_decrement, spectral
 from fsw.modal.gates import common_flags
-from fsw.modal.realisation import Realisation, block_hankel, realise, weighted_realisation
+from fsw.modal.realisation import Realisation, block_hankel, frequency_and_damping, realise, weighted_realisation
 from fsw.modal.result import Mode, Options, normalised
 
 FloatArray = NDArray[np.float64]
@@ -98,14 +98,14 @@ def _inverse_root(matrix: FloatArray) -> FloatArray:
 def _mode(candidate: Candidate, coordinates: Coordinates) -> Mode:
     pole, f = candidate.pole, candidate.frequency_hz
     duration_s = float(coordinates.time_s[-1])
-    flags = common_flags(
-        f, candidate.frequency_scatter_hz, candidate.damping_ratio, pole.coherence, coordinates.rate_hz, duration_s
-    )
+    hz, damping = frequency_and_damping(np.array([member.s for member in candidate.members]))
+    scatter_hz = float(hz.std())
+    flags = common_flags(f, scatter_hz, candidate.damping_ratio, pole.coherence, coordinates.rate_hz, duration_s)
     return Mode(
         frequency_hz=f,
-        frequency_sigma_hz=candidate.frequency_scatter_hz,
+        frequency_sigma_hz=scatter_hz,
         damping_ratio=candidate.damping_ratio,
-        damping_ratio_sigma=candidate.damping_scatter,
+        damping_ratio_sigma=float(damping.std()),
         amplitude=float("nan"),
         amplitude_coherence=pole.coherence,
         singular_value=pole.singular_value,

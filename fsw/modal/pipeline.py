@@ -18,6 +18,7 @@ from fsw.modal.gates import PAIR_DEVIATIONS, PAIR_RESOLUTIONS
 from fsw.modal.kind import may_fall_freely, random_may_fall
 from fsw.modal.paper import identify_as_paper
 from fsw.modal.pieces import telling_piece
+from fsw.modal.realisation import frequency_and_damping
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
 from fsw.modal.stationary_modes import identify_ambient
 from fsw.modal.subspace import Subspace
@@ -157,10 +158,11 @@ def _record_flags(modes: list[Mode], duration_s: float) -> list[str]:
 def _diagram(coordinates: Coordinates, poles: list[Pole]) -> Diagram:
     """Stabilisation diagram and root mean square spectrum over the channels, as amplitudes in the channels' unit."""
     pieces = coordinates.channels[:_SPECTRUM_SAMPLES]
+    frequency_hz, damping = frequency_and_damping(np.array([p.s for p in poles], np.complex128))
     return Diagram(
         order=np.array([p.order for p in poles], np.int64),
-        frequency_hz=np.array([p.frequency_hz for p in poles]),
-        damping_ratio=np.array([p.damping_ratio for p in poles]),
+        frequency_hz=frequency_hz,
+        damping_ratio=damping,
         stable=np.array([p.stable for p in poles], np.bool_),
         spectrum_hz=np.asarray(np.fft.rfftfreq(len(pieces), 1.0 / coordinates.rate_hz), np.float64),
         spectrum=amplitude_spectrum(pieces),

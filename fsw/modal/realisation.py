@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,15 +37,28 @@ class Realisation:
 class Poles:
     """Modes of one order or many, those with positive frequency only.
 
-    order (k,) of the realisation; z (k,) discrete poles; shape (p, k) = C psi; participation (k, m) = psi^-1 B;
-    identified (k, columns * m): the modal amplitudes' series psi^-1 S^1/2 V^T.
+    order (k,) of the realisation; z (k,) discrete poles; shape (p, k) = C psi; rows (k, n) of psi^-1.
     """
 
+    system: Realisation
     order: NDArray[np.int64]
     z: ComplexArray
     shape: ComplexArray
-    participation: ComplexArray
-    identified: ComplexArray
+    rows: ComplexArray
+
+    @cached_property
+    def participation(self) -> ComplexArray:
+        """psi^-1 B (k, m)."""
+        return _product(self.rows, self.system.B)
+
+    @cached_property
+    def identified(self) -> ComplexArray:
+        """The modal amplitudes' series psi^-1 S^1/2 V^T (k, columns * m)."""
+        return _product(self.rows, self.system.controllability)
+
+    def of(self, chosen: NDArray[np.intp]) -> "Poles":
+        """Some of them."""
+        return Poles(self.system, self.order[chosen], self.z[chosen], self.shape[:, chosen], self.rows[chosen])
 
 
 def block_hankel(h: FloatArray, rows: int, columns: int, first: int = 0) -> FloatArray:
@@ -125,13 +139,7 @@ def poles_of_orders(
     psi, inverse = right[:, keep] + 1j * right[:, keep + 1], (left[:, keep] - 1j * left[:, keep + 1]).T
     length = np.sum(inverse * psi.T, axis=1)[:, None]
     inverse /= np.where(length == 0.0, np.inf, length)
-    return Poles(
-        order=np.repeat(orders, orders)[keep],
-        z=z[keep],
-        shape=_product(system.C, psi),
-        participation=_product(inverse, system.B),
-        identified=_product(inverse, system.controllability),
-    )
+    return Poles(system, np.repeat(orders, orders)[keep], z[keep], _product(system.C, psi), inverse)
 
 
 def _product(a: NDArray[Any], b: NDArray[Any]) -> ComplexArray:

@@ -66,6 +66,10 @@ class Fit:
     coefficients: FloatArray
     residual: FloatArray
 
+    def weighed(self, weights: FloatArray) -> "Fit":
+        """The fit to signals @ weights (p, p)."""
+        return Fit(self.span, self.coefficients @ weights, self.residual @ weights)
+
     @property
     def poles(self) -> ComplexArray:
         """Poles (m,) in 1/s."""
@@ -116,8 +120,9 @@ def spanned(time_s: FloatArray, poles: ComplexArray, drift: FloatArray) -> Span:
     """
     count = 2 * len(poles)
     basis = np.empty((len(time_s), count + drift.shape[1]), order="F")
-    waves = np.exp(poles[:, None] * time_s)
-    basis[:, 0:count:2], basis[:, 1:count:2], basis[:, count:] = waves.real.T, waves.imag.T, drift
+    size, phase = np.exp(np.multiply.outer(poles.real, time_s)), np.multiply.outer(poles.imag, time_s)
+    basis[:, 0:count:2], basis[:, 1:count:2] = (size * np.cos(phase)).T, (size * np.sin(phase)).T
+    basis[:, count:] = drift
     # LAPACK itself: the search makes so many small factors that what is wrapped round them would cost as much.
     factored, tau, *_ = dgeqrf(basis)
     Q, R = dorgqr(factored, tau)[0], np.triu(factored[: basis.shape[1]])
@@ -147,11 +152,10 @@ def pole_directions(X: FloatArray, modes: int) -> FloatArray:
 
 def _information(gram: FloatArray, directions: FloatArray) -> FloatArray:
     """Gauss-Newton matrix from the Gram matrix of (t cos, t sin) outside the linear model's span."""
-    count = len(directions)
-    mode = np.repeat(np.arange(count // 2), 2)
-    blocks = gram.reshape(count // 2, 2, count // 2, 2)[mode][:, :, mode]  # (k, 2, l, 2)
-    flat = directions.reshape(2 * count, directions.shape[2])
-    return np.asarray(np.sum((flat @ flat.T).reshape(count, 2, count, 2) * blocks, axis=(1, 3)))
+    modes = len(gram) // 2
+    flat = directions.reshape(4 * modes, -1)
+    products = (flat @ flat.T).reshape(modes, 2, 2, modes, 2, 2) * gram.reshape(modes, 1, 2, modes, 1, 2)
+    return products.sum(axis=(2, 5)).reshape(2 * modes, 2 * modes)
 
 
 def refine(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:
@@ -173,10 +177,11 @@ def refined(fit: Fit, signals: FloatArray) -> Fit:
     damping = 1e-6
     for _ in range(ITERATIONS):
         # The residual lies outside the span already: t times the columns and their tangent pull alike.
-        pull = (fit.tangent.T @ fit.residual).reshape(len(poles), 2, -1).repeat(2, axis=0)
-        gradient = np.sum(pole_directions(fit.coefficients, len(poles)) * pull, axis=(1, 2))
-        scale = np.diag(fit.information) + 1e-300
-        normal = fit.information + damping * np.diag(scale)
+        pull = (fit.tangent.T @ fit.residual).reshape(len(poles), 1, 2, -1)
+        directions = pole_directions(fit.coefficients, len(poles)).reshape(len(poles), 2, 2, -1)
+        gradient = (directions * pull).sum(axis=(2, 3)).ravel()
+        normal = fit.information.copy()
+        normal.flat[:: len(normal) + 1] += damping * (normal.flat[:: len(normal) + 1] + 1e-300)
         _, step, failed = dposv(normal, gradient)
         if failed:
             step = np.linalg.lstsq(normal, gradient, rcond=1e-14)[0]
@@ -199,6 +204,8 @@ def refined(fit: Fit, signals: FloatArray) -> Fit:
 
 def moved(fit: Fit, before: Fit) -> float:
     """How far the poles of a fit are from those of one before, in their deviations; inf if their number has changed."""
+    if fit is before:
+        return 0.0
     if len(fit.poles) != len(before.poles):
         return np.inf
     step = (fit.poles - before.poles).view(np.float64)

@@ -5,6 +5,7 @@ is anything to find: coarsely, of steady and falling sinusoids on a grid, and fi
 """
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from fsw.modal.refinement import Fit
@@ -62,6 +63,7 @@ def tallest(signals: FloatArray) -> float:
 
 def _powers(signals: FloatArray) -> FloatArray:
     """Power (N + 1,) at 0, 1 / 2 T, 1 / T, ..., summed over the coordinates (N, p); below 1.5 / T, drift, it is 0."""
-    power = np.sum(np.abs(np.fft.rfft(signals, 2 * len(signals), axis=0)) ** 2, axis=1)
+    spectrum = scipy.fft.rfft(signals, 2 * len(signals), axis=0)
+    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
     power[:3] = 0.0
     return np.asarray(power, np.float64)

@@ -108,9 +108,10 @@ def overlooked(
         direction = directions(spectrum[about])[1][:, 0]
         poles = poles_under(diagram, hz, _WIDTHS / duration_s, direction)
         count = len({pole.order for pole in poles})
-        if count < LEAST_ORDERS:
+        stable = sorted((p for p in poles if p.stable), key=lambda p: (p.damping_ratio, p.order))
+        if count < LEAST_ORDERS or not stable:
             continue
-        middle = sorted(poles, key=lambda pole: (pole.damping_ratio, pole.order))[len(poles) // 2]
+        middle = stable[len(stable) // 2]
         damping = max(middle.damping_ratio, 1.0 / (hz * duration_s))
         peak = weigh_peak(signals @ direction, rate_hz, hz, damping)
         if peak is not None and peak.gain > LEAST_GAIN and peak.rise > LEAST_RISE:

@@ -74,23 +74,30 @@ def turning(time_s: FloatArray, first_hz: float, step_hz: float, count: int) -> 
 class Beside:
     """Frequencies beside a mode, 1 / T apart, at which the residual of a fit tells the noise.
 
-    waves (2, n, T): cosines and sines there; left_of_all, left_of_own (n,): of their energy, what lies outside of the
-    fit's span, and outside of the tangent of the mode's own pole as well; along (p,): direction of the mode's motion.
+    waves (2 n, T): cosines and sines there; left_of_all, left_of_own (n,): of their energy, what lies outside of the
+    fit's span, and outside of the tangent of the mode's own pole as well; along (p,): direction of the mode's motion;
+    seen (2 n, p): products with the residual.
     """
 
     waves: FloatArray
     left_of_all: FloatArray
     left_of_own: FloatArray
     along: FloatArray
+    seen: FloatArray
 
-    def power(self, residual: FloatArray) -> float:
-        """Power of a residual (T, p) there, along the mode's direction: 1 for white noise of unit variance."""
-        seen = self.waves @ residual
-        overall = float(np.mean(np.sum(seen**2, axis=(0, 1)))) / max(float(np.sum(self.left_of_all)), 1e-300)
-        clear = self.left_of_own > _CLEAR * len(residual)
-        along = np.sum((seen[:, clear] @ self.along) ** 2, axis=0)
+    def power(self, seen: FloatArray) -> float:
+        """Power of what is seen there (2 n, p), along the mode's direction: 1 for white noise of unit variance."""
+        energy = float(np.vdot(seen, seen)) / seen.shape[1]
+        overall = energy / max(float(np.sum(self.left_of_all)), 1e-300)
+        clear = self.left_of_own > _CLEAR * self.waves.shape[1]
+        along = np.sum((seen @ self.along).reshape(2, -1) ** 2, axis=0)[clear]
         power = float(np.sum(along / self.left_of_own[clear]))
         return (power + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
+
+    @property
+    def noise(self) -> float:
+        """Power of the residual."""
+        return self.power(self.seen)
 
 
 def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
@@ -103,20 +110,21 @@ def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
     frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
     steps = np.arange(max(int(np.floor(-frequency_hz * duration_s)) + 1, -_REACH), _REACH + 1)
     waves = turning(time_s, frequency_hz + float(steps[0]) / duration_s, 1.0 / duration_s, len(steps))
-    waves = waves[:, np.abs(steps) > 1]
-    spanned = np.sum((waves @ fit.orthonormal) ** 2, axis=(0, 2))
-    pulled = waves @ fit.tangent[:, own]
+    waves = waves[:, np.abs(steps) > 1].reshape(-1, len(time_s))
+    spanned = np.sum((waves @ fit.orthonormal) ** 2, axis=1).reshape(2, -1).sum(axis=0)
     values, vectors = np.linalg.eigh(fit.span.gram[own, own])
-    pulled = (pulled @ vectors) / np.sqrt(np.where(values > _ROUNDING * values[-1], values, np.inf))
+    pulled = (
+        waves @ fit.tangent[:, own] @ (vectors / np.sqrt(np.where(values > _ROUNDING * values[-1], values, np.inf)))
+    )
     left_of_all = np.maximum(len(time_s) - spanned, 0.0)
-    left_of_own = np.maximum(left_of_all - np.sum(pulled**2, axis=(0, 2)), 0.0)
-    return Beside(waves, left_of_all, left_of_own, fit.directions[mode])
+    left_of_own = np.maximum(left_of_all - np.sum(pulled**2, axis=1).reshape(2, -1).sum(axis=0), 0.0)
+    return Beside(waves, left_of_all, left_of_own, fit.directions[mode], waves @ fit.residual)
 
 
 def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = None) -> FloatArray:
     """Power (m,) of the residual beside the frequency of each mode (default: all), along the direction it moves in."""
     chosen = range(len(fit.poles)) if modes is None else modes
-    return np.array([beside(time_s, fit, j).power(fit.residual) for j in chosen])
+    return np.array([beside(time_s, fit, j).noise for j in chosen])
 
 
 def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
@@ -167,21 +175,23 @@ def frequency_change(time_s: FloatArray, fit: Fit, mode: int, around: Beside) ->
     modes = len(fit.poles)
     s = complex(fit.poles[mode])
     X = fit.coefficients[2 * mode : 2 * mode + 2]
+    E, ramp = fit.tangent, np.stack([X[1], -X[0]])
+    # All is done in products of few columns: the ramp's waves outside of the span, and the tangent.
     waves = 0.5 * time_s[:, None] ** 2 * fit.span.basis[:, 2 * mode : 2 * mode + 2]
-    ramp = (waves - fit.orthonormal @ (fit.orthonormal.T @ waves)) @ np.stack([X[1], -X[0]])
-    E = fit.tangent
-    # Remove what the poles' own derivatives can explain, without building them: all is done in their Gram
-    # matrices.
-    pull = (E.T @ ramp).reshape(modes, 2, -1).repeat(2, axis=0)
-    directions = pole_directions(fit.coefficients, modes)
-    share = np.linalg.lstsq(fit.information, np.sum(directions * pull, axis=(1, 2)), rcond=1e-14)[0]
-    coefficients = (share[:, None, None] * directions).reshape(modes, 2, 2, -1).sum(axis=1)
-    ramp = ramp - E @ coefficients.reshape(2 * modes, -1)
-    energy = float(np.sum(ramp**2))
+    waves -= fit.orthonormal @ (fit.orthonormal.T @ waves)
+    pull = E.T @ waves @ ramp
+    # What the poles' own derivatives can explain of it is removed.
+    directions = pole_directions(fit.coefficients, modes).reshape(modes, 2, 2, -1)
+    score = (directions * pull.reshape(modes, 1, 2, -1)).sum(axis=(2, 3)).ravel()
+    share = np.linalg.lstsq(fit.information, score, rcond=1e-14)[0]
+    taken = (share.reshape(modes, 2, 1, 1) * directions).sum(axis=1).reshape(2 * modes, -1)
+    energy = float(np.vdot(waves.T @ waves @ ramp, ramp) - 2.0 * np.vdot(pull, taken))
+    energy += float(np.vdot(fit.span.gram @ taken, taken))
     if energy <= 0.0:
         return 0.0, np.inf
-    rate = float(np.sum(ramp * fit.residual)) / energy
-    noise = around.power(fit.residual - rate * ramp)
+    met = np.vdot(waves.T @ fit.residual, ramp) - np.vdot(E.T @ fit.residual, taken)
+    rate = float(met) / energy
+    noise = around.power(around.seen - rate * (around.waves @ waves @ ramp - around.waves @ E @ taken))
     seen_s = min(float(time_s[-1]), 3.0 / max(-s.real, 1e-12))
     to_hz = seen_s / (2.0 * np.pi)
     return rate * to_hz, (noise / energy) ** 0.5 * to_hz

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dsyevd
 
 from fsw.modal.refinement import Fit
 
@@ -26,17 +27,17 @@ def whitening(fit: Fit, least: float) -> tuple[FloatArray, int]:
     """
     count, width = fit.residual.shape
     freedom = max(count - len(fit.triangle) - 2 * len(fit.poles) / width, 1.0)
-    deviation = np.sqrt(np.maximum(np.sum(fit.residual**2, axis=0) / freedom, least))
-    unit = fit.residual / deviation
-    seen = unit.T @ unit / freedom
-    values, vectors = np.linalg.eigh(seen)
+    products = fit.residual.T @ fit.residual / freedom
+    deviation = np.sqrt(np.maximum(np.diagonal(products), least))
+    seen = products / np.outer(deviation, deviation)
+    values, vectors, _ = dsyevd(seen)
     coupled = width
     if values[0] > _QUIET * (1.0 - min(np.sqrt(width / freedom), 1.0)) ** 2:
         squares = seen**2
         scatter = (1.0 - squares) ** 2 / count
         shrunk = np.maximum(1.0 - _CHANCE**2 * scatter / np.maximum(squares, 1e-300), 0.0) * seen
         np.fill_diagonal(shrunk, 1.0)
-        values, vectors = np.linalg.eigh(shrunk)
+        values, vectors, _ = dsyevd(shrunk)
         coupled = int(np.max(np.count_nonzero(shrunk, axis=1)))
     root = (vectors / np.sqrt(np.maximum(values, ROUNDING**2))) @ vectors.T
     return root / deviation[:, None], coupled
