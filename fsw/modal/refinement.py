@@ -153,7 +153,7 @@ def pole_directions(X: FloatArray, modes: int) -> FloatArray:
 def _information(gram: FloatArray, directions: FloatArray) -> FloatArray:
     """Gauss-Newton matrix from the Gram matrix of (t cos, t sin) outside the linear model's span."""
     modes = len(gram) // 2
-    flat = directions.reshape(4 * modes, -1)
+    flat = directions.reshape(4 * modes, directions.shape[2])
     products = (flat @ flat.T).reshape(modes, 2, 2, modes, 2, 2) * gram.reshape(modes, 1, 2, modes, 1, 2)
     return products.sum(axis=(2, 5)).reshape(2 * modes, 2 * modes)
 
