@@ -46,8 +46,8 @@ def test_a_mode_that_was_taken_for_one_with_its_neighbour_is_found(damping):
     assert alone <= 1
 
 
-# One pole stood for both, or a second one of the first one's shape beside it.
-@pytest.mark.parametrize("seed", [9070, 9127, 9169, 9187])
+# One pole stood for both, or a second one of the first one's shape beside it, or one seen in few orders.
+@pytest.mark.parametrize("seed", [8, 9070, 9127, 9169, 9187])
 def test_both_of_a_pair_of_the_published_case_are_valid(seed):
     hz = sorted(AMBIENT["A2"][0].values())
     valid = identify(*stationary(*AMBIENT["A2"], seed)).valid_modes

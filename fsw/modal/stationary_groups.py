@@ -79,15 +79,21 @@ def refined(found: list[Candidate], signals: FloatArray, spectrum: ComplexArray,
         ]
         near = sorted(near, key=lambda c: abs(c.frequency_hz - first.frequency_hz))[: MOST - 1]
         fresh = [first, *(c for c in waiting if any(c is n for n in near))]
-        done += _settled(fresh, [c for c in known if any(c is n for n in near)], signals, spectrum, rate_hz)
+        beside = [c for c in known if any(c is n for n in near)]
+        new, stay = _settled(fresh, beside, signals, spectrum, rate_hz)
+        done = [e for e in done if all(e.candidate is not c for c in beside) or any(e.candidate is c for c in stay)]
+        done += new
         waiting = [c for c in waiting if not any(c is n for n in near)]
     return done
 
 
 def _settled(
     fresh: list[Candidate], known: list[Candidate], signals: FloatArray, spectrum: ComplexArray, rate_hz: float
-) -> list[Refined]:
-    """The fresh candidates that are needed beside each other and the known ones; spectrum: of the signals."""
+) -> tuple[list[Refined], list[Candidate]]:
+    """The fresh candidates that are needed beside each other and the known ones, and those of the known that stay.
+
+    spectrum: of the signals. A known one that no cluster was seen of, but a peak, may be what a fresh one is.
+    """
     more = hidden([*fresh, *known], signals, spectrum, rate_hz)
     fresh = [*fresh, *more]
     members = [*fresh, *known]
@@ -100,22 +106,23 @@ def _settled(
         basis = _span(spectrum[inside], len(members))
         band = band_of(signals @ basis, rate_hz, low_hz, high_hz, spectrum @ basis)
         if len(band.frequency_hz) < LEAST_COEFFICIENTS:
-            return []
+            return [], known
         decay_rate = 2.0 * np.pi * frequency_hz * np.clip(damping, LEAST_DAMPING, MOST_DAMPING)
         group = most_likely(band, first_guess(band, frequency_hz, decay_rate, basis.T @ shapes))
         frequency_hz, damping = group.modes.frequency_hz, group.modes.decay_rate / (2.0 * np.pi * frequency_hz)
         shapes = basis @ group.modes.shapes
     members, group = _needed(members, len(fresh), band, group)
-    needed = members[: len(members) - len(known)]
+    needed = [c for c in members if any(c is f for f in fresh)]
+    stay = [c for c in known if any(c is m for m in members)]
     pieces = np.array([_is_piece(members, band, group, j) for j in range(len(needed))])
     entries = [
         _refined(c, _estimate(band, *_whole(band, group, j, pieces)), basis @ group.modes.shapes[:, j], bool(pieces[j]))
         for j, c in enumerate(needed)
     ]
     if more:  # a pole that stood for two modes lay between them, or at the other one
-        return entries
+        return entries, stay
     dropped = [c for c in fresh if not any(c is n for n in needed)]
-    return [
+    arrived = [
         entry
         for old, entry in zip(needed, entries, strict=True)
         if any(
@@ -123,6 +130,7 @@ def _settled(
             for c in [old, *(c for c in dropped if shape_assurance(c.pole.shape, old.pole.shape) > VERY_SHAPE)]
         )
     ]
+    return arrived, stay if len(arrived) == len(needed) else known
 
 
 def _arrives(entry: Refined, start: Candidate, resolution_hz: float) -> bool:
@@ -141,7 +149,7 @@ def _span(X: ComplexArray, most: int) -> FloatArray:
 def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> tuple[list[Candidate], Group]:
     """The members, the first of them fresh, without those that the others explain as well; and their group."""
     members = list(members)
-    doubted = [j < fresh and c.count < _OFTEN for j, c in enumerate(members)]
+    doubted = [c.count < _OFTEN and (j < fresh or not c.members) for j, c in enumerate(members)]
     while any(doubted) and len(members) > 1:
         fewer = {j: without(group, band, j) for j, doubt in enumerate(doubted) if doubt}
         excess = {j: 2.0 * (group.likelihood - other.likelihood) - _asked(group, j) for j, other in fewer.items()}
