@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from vision_scene import FloatArray
 
+from fsw.vision.corners import make_cells
 from fsw.vision.edges import SIZE_SUMS
 from fsw.vision.perspective import extent_across
 from fsw.vision.standing_in import (
@@ -13,6 +14,7 @@ from fsw.vision.standing_in import (
     SHAPE_SIGMA,
     SLOPE,
     add_size,
+    drop_unseen,
     forget_size,
     learn_size,
     stand_in,
@@ -83,3 +85,15 @@ def test_a_side_that_something_covers_is_believed_as_little_as_what_is_told() ->
     assert stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4, 0.0)[1] == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2)
     askew = stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4, 0.5)[1]
     assert askew == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2 + (0.5 * SLOPE * 80.0) ** 2)
+
+
+def test_a_side_that_neither_image_holds_is_measured_by_nobody() -> None:
+    left, right = make_cells(5), make_cells(5)
+    for eye in (left, right):
+        eye.found[:], eye.paired[:] = True, True
+    left.outside[:] = [-1, 1, 1, 1, -1]
+    right.outside[:] = [-1, 1, 3, -1, 1]
+    drop_unseen(left, right)
+    for eye in (left, right):
+        assert eye.found.tolist() == [True, False, True, True, True]
+        assert eye.paired.tolist() == [[found, found] for found in eye.found]

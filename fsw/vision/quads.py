@@ -93,11 +93,11 @@ def measure_cells(
     for place in range(len(order)):
         n = order[place]
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
+        out.outside[n] = -1
         out.corners_px[n] = np.nan
         out.centre_px[n] = np.nan
         out.covariance_px2[n] = np.nan
-        out.residual_px[n] = np.nan
-        out.contrast[n] = np.nan
+        out.residual_px[n] = out.contrast[n] = np.nan
         if not wanted[n]:
             continue
         c, following = expected_px[n], _next_wanted(order, wanted, place)
@@ -180,8 +180,7 @@ def measure_cells(
                 continue
             weight[k], cross[k] = scratch.pooled[row, OWN] - weight[k], scratch.pooled[row, CROSS] - cross[k]
             middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX
-            squares += r * r
-            contrast += bright[k]
+            squares, contrast = squares + r * r, contrast + bright[k]
         if hidden > 0:
             _copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
         if hidden > 1:
@@ -209,6 +208,7 @@ def measure_cells(
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
+            out.outside[n] = -1 if covered else k
         corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
         out.pull[n] = 0.0
         for k in range(4):

@@ -3,9 +3,11 @@
 Cells of one eye are measured a little larger or smaller than expected, all by the same share: the blur, the wing's
 pose and what is told of the cells' size are not exactly right. The share, and its scatter beyond the measurement's own
 noise, come from the cells of the last tick all of whose sides were seen. A side that is in the image and still not seen
-is covered by something that may disturb the side across as well: there the size is believed less.
+is covered by something that may disturb the side across as well: there the size is believed less. A side that lies
+beyond both images is measured by nobody.
 """
 
+from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray, Image
 from fsw.vision.rig import distort_point
 from fsw.vision.sides import Lens
@@ -79,3 +81,16 @@ def stand_in(
     share2 = max(size[row, 1], SHAPE_SIGMA * SHAPE_SIGMA) if covered else size[row, 1]
     sigma2 = (share2 + SLOPE * SLOPE * tilt * tilt) * expected_px * expected_px
     return size[row, 0] * expected_px - extent_px - across_px, 3.0 * variance_px2 + sigma2
+
+
+@tick_kernel
+def drop_unseen(left: Cells, right: Cells) -> None:
+    """Find no cell one side of which lies beyond both images: all of its place across would hang on the believed size.
+
+    Where one eye sees the side, that eye's place outweighs the other's. A surface that a fast motion took by surprise
+    shows extents at the rim wrong by a tenth of a pixel, a hundred times what a side seen is off by.
+    """
+    for n in range(len(left.found)):
+        if left.outside[n] >= 0 and left.outside[n] == right.outside[n]:
+            for eye in (left, right):
+                eye.found[n] = eye.paired[n, 0] = eye.paired[n, 1] = False

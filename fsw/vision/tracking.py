@@ -29,7 +29,7 @@ from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
 from fsw.vision.sides import Lens
 from fsw.vision.sizes import TERMS, WORK, widen_odd_sizes
-from fsw.vision.standing_in import SHAPE_SIGMA, forget_size
+from fsw.vision.standing_in import SHAPE_SIGMA, drop_unseen, forget_size
 from fsw.vision.stereo import Points, make_points, retriangulate_cells, triangulate_cells
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
@@ -135,6 +135,7 @@ class Tracker:
         """Find all cells near where they are expected in both images."""
         self._approach.bridge(left, right)
         self._approach.both_eyes(self._measure, left, right)
+        drop_unseen(*self.cells)
 
     def reconstruct(
         self, matched: NDArray[np.bool_], reprojection_gate_px: float = math.inf, epipolar_gate_px: float = math.inf
