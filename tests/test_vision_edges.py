@@ -274,9 +274,9 @@ class Sheet:
         ratio = np.array([(p - c) / c for p, c in zip(self.pitch_mm, self.cell_mm, strict=True)])
         bordering = np.array([[j == 0, i == 2, j == 2, i == 0] for i in range(3) for j in range(3)])
         measure_cells(
-            image, lens, np.ascontiguousarray(expected), np.zeros((9, 4, 2)), np.broadcast_to(wanted, 9).copy(),
-            np.arange(9), np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering, np.ones(2), told_size(), dark, 1,
-            scratch, cells,
+            image, (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)),
+            np.broadcast_to(wanted, 9).copy(), np.arange(9), np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering,
+            np.ones(2), told_size(), dark, 1, scratch, cells,
         )  # fmt: skip
         return cells
 

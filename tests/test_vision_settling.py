@@ -10,11 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from fsw.geometry import make_rig, make_wing_grid
-from fsw.vision.edges import BLUR, COMMON, CROSS, OWN, RIGHT
+from fsw.vision.edges import BLUR, COMMON, CROSS, EACH, OWN, RIGHT
 from fsw.vision.settling import LEAST_NOISE, correct, learn_noise
 from fsw.vision.tracking import Tracker, TrackingOptions
 from sim.bench.vision_disturbed import clear_world, light_of, pixels_of
 from sim.bench.vision_stand import Truth, bench_scenario, hardware
+from sim.disturbances import smear
 from sim.world import World
 
 FloatArray = NDArray[np.float64]
@@ -63,11 +64,12 @@ def worst_sigmas(tracker: Tracker) -> FloatArray:
 def test_the_pooled_step_is_that_of_the_whole_normal_equations() -> None:
     rng = np.random.default_rng(2)
     J, r = rng.normal(size=(60, COMMON)), rng.normal(size=60)
-    J[:30, 2], J[30:, 1] = 0.0, 0.0  # an edge has one line: widths along X and Y are not coupled
+    J[:30, EACH:], J[30:, :EACH] = 0.0, 0.0  # an edge lies along X or along Y, and tells nothing of the others
     A, b = J.T @ J, J.T @ r
-    pooled = np.column_stack([b, A.diagonal(), A[:, BLUR]])
+    pooled = np.column_stack([b, A.diagonal(), np.zeros(COMMON)])
     assert (RIGHT, OWN, CROSS) == (0, 1, 2)
-    pooled[BLUR, CROSS] = 0.0
+    for width in range(BLUR + 1, COMMON, EACH):
+        pooled[width, CROSS] = A[width, width - 1]
     step = np.zeros(COMMON)
     correct(pooled, step)
     assert step == pytest.approx(np.linalg.solve(A, b))
@@ -93,8 +95,23 @@ def test_the_noise_is_learnt_from_what_edges_leave_over(at_zero: float, growth: 
 
 def test_a_start_finds_a_blur_twice_as_wide_as_told_and_no_width_goes_along(tracker: Tracker) -> None:
     assert start(tracker, SOFT_PX) > 240
-    assert tracker.blur_px == pytest.approx([SOFT_PX, SOFT_PX], rel=0.01)
+    assert tracker.blur_px == pytest.approx(np.full((2, 2), SOFT_PX), rel=0.01)
     assert np.abs(tracker.width_scale - 1.0).max() < 0.005
+    assert worst_sigmas(tracker).max() < 5.0
+
+
+def test_a_motion_during_the_exposure_blurs_the_sides_across_it_alone(tracker: Tracker) -> None:
+    smear_px = 2.0
+    pose, images = world().pose, []
+    for eye in (0, 1):
+        light = light_of(world(), 0, eye)
+        smear(light, np.array([smear_px, 0.0]))  # the wing's X is the images', to some degrees
+        images.append(pixels_of(light, SCENARIO, 1.0, (8, eye)))
+    assert tracker.start(pose.rotation, pose.translation_mm, images[0], images[1]) > 240
+    own_px = SCENARIO.camera.psf_sigma_px
+    along_x, along_y = tracker.blur_px.T
+    assert along_x == pytest.approx(own_px, rel=0.05)
+    assert along_y == pytest.approx(np.hypot(own_px, smear_px / np.sqrt(12.0)), rel=0.05)
     assert worst_sigmas(tracker).max() < 5.0
 
 
@@ -108,5 +125,5 @@ def test_points_stay_within_their_deviations_while_a_sudden_blur_settles(tracker
         tracker.both_found()
         assert tracker.reconstruct(tracker.both, 0.5, 1.0) > 240
         assert worst_sigmas(tracker).max() < 5.5  # of 7500 numbers; it was 17 before widths and blur settled together
-    assert tracker.blur_px == pytest.approx([SOFT_PX, SOFT_PX], rel=0.01)
+    assert tracker.blur_px == pytest.approx(np.full((2, 2), SOFT_PX), rel=0.01)
     assert float(np.nanmedian(tracker.points.sigma_mm)) < 3.0 * sharp_mm

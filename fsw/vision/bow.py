@@ -128,10 +128,10 @@ def unbend(
     """Move the valid points from the mean of their cells' corners to the bent cells' centres.
 
     surface, bow: fitted to the points. corners_px (2, N, 4, 2): the surface's ideal pixels. covariance_px2 (2, N, 3):
-    of the measured centres. blur_px (2,): the lens's. A side along X is an arch, found above its ends by the mean of
-    its measured part, 1 - share^2 / 3 of the bow along X, and lies at the end of the bow along Y; a side along Y
-    likewise. Moving each to the height of the centre moves the centre in both images, and so the point, by one step of
-    its triangulation.
+    of the measured centres. blur_px (2, 2): the eyes', across sides along X and along Y. A side along X is an arch,
+    found above its ends by the mean of its measured part, 1 - share^2 / 3 of the bow along X, and lies at the end of
+    the bow along Y; a side along Y likewise. Moving each to the height of the centre moves the centre in both images,
+    and so the point, by one step of its triangulation.
     """
     nx, ny, share, g, a = bow.work[0], bow.work[1], bow.work[2], bow.work[3], bow.work[4:]
     for n in range(points.valid.shape[0]):
@@ -146,7 +146,6 @@ def unbend(
         X, Y, Z = points.xyz_mm[n, 0], points.xyz_mm[n, 1], points.xyz_mm[n, 2]
         for eye in range(2):
             c, P = corners_px[eye, n], eyes.projection[eye]
-            whole = math.sqrt(blur_px[eye] * blur_px[eye] + PIXEL_VARIANCE)
             u, v, w = project(P, X, Y, Z)
             up_x, up_y = 0.0, 0.0  # px that a mm along the wing's normal is
             for i in range(3):
@@ -156,6 +155,7 @@ def unbend(
             for k in range(4):
                 length, nx[k], ny[k] = side_normal(c, k)
                 if k < 2:
+                    whole = math.sqrt(blur_px[eye, k] ** 2 + PIXEL_VARIANCE)
                     share[k] = 1.0 - 2.0 * inset_px(length, whole) / length
             arch_x, arch_y = bow_y + bow_x * share[0] * share[0] / 3.0, bow_x + bow_y * share[1] * share[1] / 3.0
             dx, dy = 0.0, 0.0

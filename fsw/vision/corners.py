@@ -16,7 +16,7 @@ class Cells(NamedTuple):
     corners_px: FloatArray  # (N, 4, 2)
     centre_px: FloatArray  # (N, 2) crossing of the diagonals: the projection of the cell's centre
     covariance_px2: FloatArray  # (N, 3) of the centre: xx, xy, yy
-    pull: FloatArray  # (N, COMMON, 2) what 1 px more blur, and lines so many times wider, would move the centre by
+    pull: FloatArray  # (N, COMMON, 2) what more blur, and wider lines, would move the centre by, per px and their width
     residual_px: FloatArray  # (N,) rms of the segments about their straight sides
     contrast: FloatArray  # (N,) line minus cell, grey values
     found: NDArray[np.bool_]  # (N,)

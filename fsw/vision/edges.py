@@ -28,9 +28,11 @@ SEGMENTS = MOST_SEGMENTS  # at most, on a side
 CUT_OFF = 0.02  # part of a segment's pixels that may be stuck at full scale
 MAX_WALK_PX = 3.5  # an edge farther from where it was expected is somebody else's
 
-# What all edges of an eye have in common, in the order of Scratch.pooled: the blur, and the relative width of the lines
-# that run along X (sides 0 and 2) and along Y (sides 1 and 3). Of one edge, in Scratch.fresh: the blur and its line's.
-BLUR, WIDTH, WIDTH_ALONG_X, WIDTH_ALONG_Y, COMMON = 0, 1, 1, 2, 3
+# What all edges along X (sides 0 and 2) of an eye have in common, and what all along Y (sides 1 and 3): the blur, which
+# a motion during the exposure makes different across them, and the relative width of the lines, in Scratch.pooled from
+# row EACH * direction on. Of one edge, in Scratch.fresh: its own.
+BLUR, WIDTH, EACH = 0, 1, 2
+COMMON = 2 * EACH
 LIGHT, ADDED = 2, 3  # in Scratch.coupled: light that grows by its whole per px outwards, and by a grey value laid over
 RIGHT, OWN, CROSS = 0, 1, 2  # of their normal equations: right side, diagonal, and what couples a width to the blur
 # Two more rows regress the squares e of what edges leave over on the grey values y: sums of 1, y, y^2, and of e, e y.

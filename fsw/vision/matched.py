@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.ahead import Ahead, ask
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.edges import BLUR, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
+from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
 from fsw.vision.lanes import weigh, weigh_squares
 from fsw.vision.sides import (
@@ -250,8 +250,8 @@ def match_segments(
         share_noise(segments, found)
         even = even and (is_even(segments, sums, found, gain) or not is_settled(blur_num, blur_den))
         if even:
-            pooled[BLUR, RIGHT] += blur_num
-            pooled[BLUR, OWN] += blur_den
+            pooled[EACH * row + BLUR, RIGHT] += blur_num
+            pooled[EACH * row + BLUR, OWN] += blur_den
             break
         # Every strip is asked, and none that shows a stain or a glint's rim is taken.
         most = NOISIER * (taps - 4.0) * least_noise(segments, sums, found, gain) * scale[row, PHASES // 2, SHIFT] ** 2

@@ -12,11 +12,11 @@ from fsw.vision.edges import (
     BINS,
     BLUR,
     CROSS,
+    EACH,
     MAX_WALK_PX,
     OWN,
     RIGHT,
-    WIDTH_ALONG_X,
-    WIDTH_ALONG_Y,
+    WIDTH,
     FloatArray,
     Image,
     Quad,
@@ -55,7 +55,7 @@ MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is k
 @tick_kernel
 def measure_cells(
     image: Image,
-    lens: Lens,
+    lenses: tuple[Lens, Lens],
     expected_px: FloatArray,
     deviation_px: FloatArray,
     wanted: NDArray[np.bool_],
@@ -71,23 +71,23 @@ def measure_cells(
 ) -> None:
     """Measure all wanted cells of one image.
 
-    expected_px (N, 4, 2): ideal pixels, right to about the blur. deviation_px (N, 4, 2): what of them is measured, and
-    so has noise that perspective must not be read from. wanted (N,): cells to look for. order (N,): in which they are
-    taken; cells side by side share what the cache holds. line_ratio (N, 4): width of the line across each side over the
-    cell's extent across that side, on the wing (at a border: the panel's usual line). bordering (N, 4): whether no cell
-    lies across. width_scale (2,): correction of the widths along X and Y. stride: take every so many columns of a side.
-    Results go to `out`. One hidden side (out of view, or under a glint) is put where its opposite and the cell's size
-    say, with a wider variance; with two, the cell is not found. size (2, 2): of the cells, see `standing_in`; brought
-    up to date.
+    lenses: the eye as it sees sides along X, and along Y. expected_px (N, 4, 2): ideal pixels, right to about the blur.
+    deviation_px (N, 4, 2): what of them is measured, and so has noise that perspective must not be read from. wanted
+    (N,): cells to look for. order (N,): in which they are taken; cells side by side share what the cache holds.
+    line_ratio (N, 4): width of the line across each side over the cell's extent across that side, on the wing (at a
+    border: the panel's usual line). bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the
+    widths along X and Y. stride: take every so many columns of a side. Results go to `out`. One hidden side (out of
+    view, or under a glint) is put where its opposite and the cell's size say, with a wider variance; with two, the cell
+    is not found. size (2, 2): of the cells, see `standing_in`; brought up to date.
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
     for row in range(2):
         gain, plateau = mean_gain(expected_px, wanted, row), least_plateau(expected_px, wanted, line_ratio, row)
-        room = plateau - FAR_SIGMAS * lens.blur_px - MATCHED_PX
-        fill_templates(lens.step, lens.blur_px, gain, room, row, scratch.templates)
+        room = plateau - FAR_SIGMAS * lenses[row].blur_px - MATCHED_PX
+        fill_templates(lenses[row].step, lenses[row].blur_px, gain, room, row, scratch.templates)
     scratch.sizes[:] = 0.0
-    intrinsics, distortion = lens.intrinsics, lens.distortion
+    intrinsics, distortion = lenses[0].intrinsics, lenses[0].distortion
     nx, ny, lengths, extents, depth, middle, slope, variance = scratch.quad[:8]
     by_blur, by_width, weight, cross, bright, by_light, flat, agreed = scratch.quad[8:]
     for place in range(len(order)):
@@ -110,13 +110,13 @@ def measure_cells(
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
         for k in range(4):
-            k1 = (k + 1) % 4
+            k1, row, lens = (k + 1) % 4, k % 2, lenses[k % 2]
             lengths[k], x, y = side_normal(c, k)
             nx[k], ny[k] = hand * x, hand * y  # outwards
             k2, k3 = (k + 2) % 4, (k + 3) % 4
             extent = extents[k] = extent_across(c, k, nx[k], ny[k])
             # Perspective makes the line wider on a cell's near side than on its far side, and a wedge along it.
-            ratio, scale = line_ratio[n, k], width_scale[k % 2]
+            ratio, scale = line_ratio[n, k], width_scale[row]
             ahead = scale * line_width(c, depth, k, k3, ratio, nx[k], ny[k])
             behind = scale * line_width(c, depth, k1, k2, ratio, nx[k], ny[k])
             width = 0.5 * (ahead + behind)
@@ -130,17 +130,17 @@ def measure_cells(
                 outer, bar = width + inner, (ahead, behind)
             if inner + outer > BINS * BIN_PX:
                 outer = BINS * BIN_PX - inner
-            row = WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y
             # Templates need half a window of plateau on either side.
-            half = 0.5 * scratch.templates.taps[k % 2]
+            half = 0.5 * scratch.templates.taps[row]
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
             plain = plain and not runs_along_hot_row(image, intrinsics, distortion, c[k], c[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
             # Templates blurred by 1 px more would show the edge shifted.
-            by_blur[k] = -scratch.templates.gain[k % 2] * scratch.templates.blurred[k % 2] if plain else 0.0
+            by_blur[k] = -scratch.templates.gain[row] * scratch.templates.blurred[row] if plain else 0.0
             by_width[k] = 0.0
-            weight[k], cross[k] = scratch.pooled[row, OWN], scratch.pooled[row, CROSS]
+            of_width = scratch.pooled[EACH * row + WIDTH]
+            weight[k], cross[k] = of_width[OWN], of_width[CROSS]
             m, s, v, r, ok = 0.0, 0.0, 0.0, 0.0, False
             for _ in range(RECENTRES):
                 a, b = m - 0.5 * s, m + 0.5 * s
@@ -148,7 +148,7 @@ def measure_cells(
                 end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
                 if plain:
                     pieces, found, bright[k], by_light[k] = match_segments(
-                        image, lens, start, end, (nx[k], ny[k]), half * lean, k % 2, sign, scratch
+                        image, lens, start, end, (nx[k], ny[k]), half * lean, row, sign, scratch
                     )
                 else:
                     pieces, found, bright[k], by_light[k], by_blur[k], by_width[k] = fit_segments(
@@ -178,7 +178,8 @@ def measure_cells(
                 if hidden > 1:
                     break
                 continue
-            weight[k], cross[k] = scratch.pooled[row, OWN] - weight[k], scratch.pooled[row, CROSS] - cross[k]
+            weight[k], cross[k] = of_width[OWN] - weight[k], of_width[CROSS] - cross[k]
+            by_blur[k] -= scratch.templates.slowed[row] * dm if plain else 0.0  # and what it moved by larger
             middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX
             squares, contrast = squares + r * r, contrast + bright[k]
         if hidden > 0:
@@ -195,13 +196,13 @@ def measure_cells(
                 k2 = k + 2
                 grown = (middle[k] + middle[k2]) / extents[k]
                 middle[k], middle[k2] = middle[k] + by_width[k] * grown, middle[k2] + by_width[k2] * grown
-                scratch.pooled[1 + k, RIGHT] -= grown * (weight[k] + weight[k2])
-                scratch.pooled[BLUR, RIGHT] -= grown * (cross[k] + cross[k2])
+                scratch.pooled[EACH * k + WIDTH, RIGHT] -= grown * (weight[k] + weight[k2])
+                scratch.pooled[EACH * k + BLUR, RIGHT] -= grown * (cross[k] + cross[k2])
                 measured, noise = extents[k] + middle[k] + middle[k2], variance[k] + variance[k2]
                 add_size(size, k, extent_across(flat, k, nx[k], ny[k]), measured, noise, scratch.sizes)
         else:
             k, k1, k2 = which, (which + 1) % 4, (which + 2) % 4
-            covered = is_inside(image, lens, c[k, 0], c[k, 1]) and is_inside(image, lens, c[k1, 0], c[k1, 1])
+            covered = is_inside(image, lenses[0], c[k, 0], c[k, 1]) and is_inside(image, lenses[0], c[k1, 0], c[k1, 1])
             expected = extent_across(flat, k, nx[k], ny[k])
             away = 2.0 * (depth[k] + depth[k1] - depth[k2] - depth[(k + 3) % 4]) / depth.sum()
             tilt, across = away * intrinsics[0] / expected, (middle[k2], variance[k2])
@@ -213,10 +214,9 @@ def measure_cells(
         out.pull[n] = 0.0
         for k in range(4):
             gx, gy = centre_share(nx, ny, k)
-            add_pull(out.pull[n, BLUR], gx * by_blur[k], gy * by_blur[k])
-            add_pull(out.pull[n, WIDTH_ALONG_X if k % 2 == 0 else WIDTH_ALONG_Y], gx * by_width[k], gy * by_width[k])
-        out.residual_px[n] = math.sqrt(squares / (4 - hidden))
-        out.contrast[n] = contrast / (4 - hidden)
+            add_pull(out.pull[n, EACH * (k % 2) + BLUR], gx * by_blur[k], gy * by_blur[k])
+            add_pull(out.pull[n, EACH * (k % 2) + WIDTH], gx * by_width[k], gy * by_width[k])
+        out.residual_px[n], out.contrast[n] = math.sqrt(squares / (4 - hidden)), contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
     learn_size(size, scratch.sizes)
 

@@ -1,12 +1,12 @@
-"""What all edges of an eye have in common, the blur and the widths of the lines: brought up to date every tick.
+"""What all edges of an eye along X, or along Y, have in common, the blur and the width of the lines: found every tick.
 
 All good edges' normal equations for them are added up, each edge's own grey values and offset eliminated, so blur and
-widths are found together. What they are still wrong by pulls sides: the two sides of a cell across each other alike, so
+width are found together. What they are still wrong by pulls sides: the two sides of a cell across each other alike, so
 that its centre stays, unless one of them is a border. As long as they settle, the centres' covariance says so.
 """
 
 from fsw.vision.corners import Cells
-from fsw.vision.edges import BLUR, COMMON, CROSS, OWN, RIGHT, FloatArray
+from fsw.vision.edges import BLUR, COMMON, CROSS, EACH, OWN, RIGHT, WIDTH, FloatArray
 from wingbeat.kernels import tick_kernel
 
 BLUR_RANGE_PX = (0.15, 4.0)
@@ -17,22 +17,21 @@ LINEAR = 0.05  # of a blur that is wrong: what it pulls centres by beyond what t
 
 @tick_kernel
 def correct(pooled: FloatArray, step: FloatArray) -> None:
-    """Write the step (COMMON,) by which blur (px) and widths (relative) are wrong, as pooled (COMMON, 3) has them.
+    """Write the step (COMMON,) by which blurs (px) and widths (relative) are wrong, as pooled (COMMON, 3) has them.
 
-    Widths are coupled to the blur alone: each is eliminated, then the blur found, then the widths. What no edge tells
-    of stays.
+    The width is eliminated, then the blur found, then the width. What no edge tells of stays.
     """
-    right, own = pooled[BLUR, RIGHT], pooled[BLUR, OWN]
-    for i in range(BLUR + 1, COMMON):
-        if pooled[i, OWN] > 0.0:
-            right -= pooled[i, CROSS] / pooled[i, OWN] * pooled[i, RIGHT]
-            own -= pooled[i, CROSS] / pooled[i, OWN] * pooled[i, CROSS]
     step[:] = 0.0
-    if own > 0.0:
-        step[BLUR] = right / own
-    for i in range(BLUR + 1, COMMON):
-        if pooled[i, OWN] > 0.0:
-            step[i] = (pooled[i, RIGHT] - pooled[i, CROSS] * step[BLUR]) / pooled[i, OWN]
+    for i in (BLUR, EACH + BLUR):
+        j = i + WIDTH
+        right, own = pooled[i, RIGHT], pooled[i, OWN]
+        if pooled[j, OWN] > 0.0:
+            right -= pooled[j, CROSS] / pooled[j, OWN] * pooled[j, RIGHT]
+            own -= pooled[j, CROSS] / pooled[j, OWN] * pooled[j, CROSS]
+        if own > 0.0:
+            step[i] = right / own
+        if pooled[j, OWN] > 0.0:
+            step[j] = (pooled[j, RIGHT] - pooled[j, CROSS] * step[i]) / pooled[j, OWN]
 
 
 @tick_kernel
@@ -56,17 +55,18 @@ def learn_noise(pooled: FloatArray, noise: FloatArray) -> None:
 
 
 @tick_kernel
-def adapt(step: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray, eye: int) -> None:
-    """Take over a share of the step (COMMON,) in the blur_px (2,) and width_scale (2, 2) of one eye."""
-    blur_px[eye] = min(max(blur_px[eye] + share * step[BLUR], BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
-    for i in range(BLUR + 1, COMMON):
-        width_scale[eye, i - 1] = min(max(width_scale[eye, i - 1] + share * step[i], WIDTH_RANGE[0]), WIDTH_RANGE[1])
+def adapt(step: FloatArray, share: float, blur_px: FloatArray, width_scale: FloatArray) -> None:
+    """Take over a share of the step (COMMON,) in the blur_px (2,) and width_scale (2,) of one eye."""
+    for row in range(2):
+        blur, width = share * step[EACH * row + BLUR], share * step[EACH * row + WIDTH]
+        blur_px[row] = min(max(blur_px[row] + blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
+        width_scale[row] = min(max(width_scale[row] + width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
 
 
 @tick_kernel
 def widen_unsettled(step: FloatArray, out: Cells) -> None:
     """Widen the covariance of found cells by what a step (COMMON,) still to be taken would move their centres by."""
-    wrong = LINEAR * step[BLUR]
+    wrong = LINEAR * max(abs(step[BLUR]), abs(step[EACH + BLUR]))
     for n in range(len(out.found)):
         if not out.found[n]:
             continue

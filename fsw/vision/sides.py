@@ -3,9 +3,11 @@
 import math
 from typing import NamedTuple
 
+from fsw.vision.blur import PIXEL_VARIANCE, tabulate_step
 from fsw.vision.edges import (
     BLUR,
     COMMON,
+    EACH,
     OWN,
     RIGHT,
     SEGMENTS,
@@ -17,7 +19,7 @@ from fsw.vision.edges import (
 )
 from fsw.vision.hot import LEAST_LINE_PX
 from fsw.vision.profile import fit_profile
-from fsw.vision.rig import distort_point
+from fsw.vision.rig import Eyes, distort_point
 from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
@@ -34,7 +36,8 @@ SEGMENT_GATE_PX = 0.12  # a segment farther off the straight side than this (and
 
 
 class Lens(NamedTuple):
-    """One eye: fx, fy, cx, cy; k1 k2 p1 p2 k3; its whole blur in pixels, the table of a blurred step, and its noise.
+    """One eye: fx, fy, cx, cy; k1 k2 p1 p2 k3; its whole blur across sides along X, or along Y, the table of a step
+    so blurred, and its noise.
 
     noise (2,): variance of a pixel, at grey value 0 and its growth with the grey value.
     """
@@ -44,6 +47,16 @@ class Lens(NamedTuple):
     blur_px: float
     step: FloatArray
     noise: FloatArray
+
+
+def lenses_of(eyes: Eyes, eye: int, blur_px: FloatArray, steps: FloatArray, noise: FloatArray) -> tuple[Lens, Lens]:
+    """An eye as it sees sides along X, and along Y; blur_px (2,): its lens's; steps (2, STEP_ROWS, 3): written."""
+    lenses = []
+    for blur, step in zip(blur_px, steps, strict=True):
+        tabulate_step(float(blur), step)
+        whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
+        lenses.append(Lens(eyes.intrinsics[eye], eyes.distortion[eye], whole, step, noise))
+    return lenses[0], lenses[1]
 
 
 @tick_kernel
@@ -77,7 +90,7 @@ def fit_segments(
     window_px: tuple[float, float],
     widths_px: tuple[float, float],
     lean_px: float,
-    width_row: int,
+    row: int,
     sign: float,
     stride: int,
     scratch: Scratch,
@@ -128,7 +141,7 @@ def fit_segments(
             by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
             by_light += fit.light_pull_px2
             blur_right, blur_own = blur_right + scratch.fresh[BLUR, RIGHT], blur_own + scratch.fresh[BLUR, OWN]
-            _pool(scratch, width_row)
+            _pool(scratch, row)
             found += 1
     share_noise(scratch.segments, found)
     even = is_noise(chi2, found) or not is_settled(blur_right, blur_own)
@@ -141,13 +154,13 @@ def fit_segments(
 
 
 @tick_kernel
-def _pool(scratch: Scratch, width_row: int) -> None:
-    """Add what the last edge says of blur and width to what all do."""
+def _pool(scratch: Scratch, row: int) -> None:
+    """Add what the last edge, of the sides along X (0) or along Y (1), says of blur, width and noise to what all do."""
     for i in range(3):
-        scratch.pooled[BLUR, i] += scratch.fresh[BLUR, i]
-        scratch.pooled[width_row, i] += scratch.fresh[WIDTH, i]
-        for row in range(2):
-            scratch.pooled[COMMON + row, i] += scratch.fresh[2 + row, i]
+        for k in (BLUR, WIDTH):
+            scratch.pooled[EACH * row + k, i] += scratch.fresh[k, i]
+        for k in range(2):
+            scratch.pooled[COMMON + k, i] += scratch.fresh[2 + k, i]
 
 
 @tick_kernel

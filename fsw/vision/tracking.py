@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
-from fsw.vision.blur import PIXEL_VARIANCE, STEP_ROWS, tabulate_step
+from fsw.vision.blur import STEP_ROWS
 from fsw.vision.bow import fit_kinks, make_bow, tilt_extents, unbend
 from fsw.vision.corners import view_cells
 from fsw.vision.edges import COMMON, FloatArray, Image, make_scratch
@@ -27,7 +27,7 @@ from fsw.vision.prediction import expect_again, make_surface, set_pose
 from fsw.vision.quads import measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
-from fsw.vision.sides import Lens
+from fsw.vision.sides import lenses_of
 from fsw.vision.sizes import TERMS, WORK, widen_odd_sizes
 from fsw.vision.standing_in import SHAPE_SIGMA, drop_unseen, forget_size
 from fsw.vision.stereo import Points, make_points, retriangulate_cells, triangulate_cells
@@ -73,12 +73,12 @@ class Tracker:
         self.cells = view_cells(0, *pixels), view_cells(1, *pixels)
         self.points: Points = make_points(count)
         self.distance_mm = np.full(count, np.nan)
-        self.blur_px = np.full(2, options.blur_px)
+        self.blur_px = np.full((2, 2), options.blur_px)
         self.width_scale = np.ones((2, 2))
         self.noise, self.cell_size = np.zeros((2, 2)), np.zeros((2, 2, 2))
         self._forget_sizes()
         self._scratch = (make_scratch(), make_scratch())
-        self._steps = np.zeros((2, STEP_ROWS, 3))
+        self._steps = np.zeros((2, 2, STEP_ROWS, 3))
         self._correction = np.zeros((2, COMMON))  # of blur and widths, as this tick's edges have it
         self._sizes = np.zeros((2, count + TERMS + 1, WORK))
         self._tilted_px = np.zeros((2, count, 2))
@@ -225,13 +225,9 @@ class Tracker:
         self._approach.close()
 
     def _measure(self, eye: int, image: Image) -> None:
-        blur = float(self.blur_px[eye])
-        tabulate_step(blur, self._steps[eye])
-        whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
-        lens = Lens(self.eyes.intrinsics[eye], self.eyes.distortion[eye], whole, self._steps[eye], self.noise[eye])
         measure_cells(
             image,
-            lens,
+            lenses_of(self.eyes, eye, self.blur_px[eye], self._steps[eye], self.noise[eye]),
             self.expected_px[eye],
             self.deviation_px[eye],
             self.wanted,
@@ -248,4 +244,4 @@ class Tracker:
         correct(self._scratch[eye].pooled, self._correction[eye])
         widen_unsettled(self._correction[eye], self.cells[eye])
         learn_noise(self._scratch[eye].pooled, self.noise[eye])
-        adapt(self._correction[eye], self._adaptation, self.blur_px, self.width_scale, eye)
+        adapt(self._correction[eye], self._adaptation, self.blur_px[eye], self.width_scale[eye])
