@@ -7,7 +7,7 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.pipeline import identify
 from fsw.modal.refinement import project, refine
 from fsw.modal.result import Options, to_contract
-from fsw.modal.uncertainty import modal_sigmas
+from fsw.modal.uncertainty import at_upper_end, modal_sigmas
 from sim.bench.modal_bounds import cramer_rao
 from sim.bench.modal_records import (
     AMBIENT,
@@ -82,6 +82,21 @@ def test_information_of_a_fit_to_the_truth_is_the_cramer_rao_bound():
     poles = np.array([pole(f) for f in record.frequency_hz])
     fit = project(record.time_s, record.clean / record.noise_mm, poles, 0)
     assert np.allclose(modal_sigmas(poles, fit.information, np.ones(4)), cramer_rao(record), rtol=0.01)
+
+
+def test_a_weak_decay_is_as_unsure_as_the_faster_one_that_it_may_be():
+    time_s, rate, draw = np.arange(1200) / 20.0, pole(3.0), np.random.default_rng(8)
+    clean = np.exp(rate * time_s).real[:, None] * np.array([1.0, 0.5])
+    noise = draw.standard_normal(clean.shape)
+    for sharpness, wider in ((40.0, 1.0), (0.8, 1.1)):
+        fit = refine(time_s, sharpness * clean + noise, np.array([rate]), 0)
+        found = modal_sigmas(fit.poles, fit.information, np.ones(1))
+        share = found[0, 1] / (-fit.poles[0].real / abs(fit.poles[0]))
+        upper = at_upper_end(fit, found, np.ones(1))
+        # All of the decay lies in the record: its deviation grows like the damping's power 3 / 2.
+        end = 1.0 if wider == 1.0 else (1.0 + 2.0 * share) ** 1.5
+        assert upper[0, 1] / found[0, 1] >= wider
+        assert end * 0.8 < upper[0, 1] / found[0, 1] < end * 1.4
 
 
 def test_refinement_finds_the_exact_poles_of_a_noise_free_record_with_gaps_and_jitter():

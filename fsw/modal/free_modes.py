@@ -25,6 +25,7 @@ from fsw.modal.realisation import frequency_and_damping
 from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import (
+    at_upper_end,
     beside,
     departure,
     fit_coherence,
@@ -59,7 +60,7 @@ def identify_decay(
     loss = weighting_loss(len(time_s) - len(fit.triangle), decay.coupled)
     around = [beside(time_s, fit, j) for j in range(count)]
     noise = np.array([there.noise for there in around])
-    sigmas = modal_sigmas(fit.poles, fit.information, loss * noise)
+    sigmas = at_upper_end(fit, modal_sigmas(fit.poles, fit.information, loss * noise), loss * noise)
     departures = [departure(time_s, fit, j) for j in range(count)]
     for j, found in enumerate(departures):
         sigmas[j] = widened(sigmas[j], *found, fit.poles[j], time_s)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.realisation import frequency_and_damping
 from fsw.modal.refinement import Fit, pole_directions
 from wingbeat.kernels import kernel
 
@@ -27,6 +28,9 @@ _HALF_BAND = 12
 # A record is looked at in at most so many stretches, of one period or more, of at least so many samples.
 _STRETCHES = 24
 _LEAST_IN_STRETCH = 4
+# A deviation of the damping beyond this share of it differs along its interval; how often its end is looked up.
+_WIDE, _ENDS = 0.03, 2
+_MOST_DAMPING = 0.3
 
 
 def pole_to_modal(s: complex) -> FloatArray:
@@ -46,6 +50,23 @@ def modal_sigmas(poles: ComplexArray, information: FloatArray, noise: FloatArray
     own = np.arange(2 * len(poles)).reshape(-1, 2)
     spread = slopes @ covariance[own[:, :, None], own[:, None, :]] @ slopes.transpose(0, 2, 1)
     return np.sqrt(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 0.0) * noise[:, None])
+
+
+def at_upper_end(fit: Fit, sigmas: FloatArray, noise: FloatArray) -> FloatArray:
+    """Deviations (m, 2) as the upper end of the damping's interval has them, where that is wide.
+
+    A faster decay tells less of itself. Where noise feigns a slow one, the deviation at what was found is too small:
+    what counts is how surprising the truth is, if it is the truth. noise (m,): see modal_sigmas.
+    """
+    frequency_hz, damping = frequency_and_damping(fit.poles)
+    if not np.any(sigmas[:, 1] > _WIDE * np.abs(damping)):
+        return sigmas
+    signals = fit.residual + fit.span.basis @ fit.coefficients
+    for _ in range(_ENDS):
+        upper = np.clip(damping + 2.0 * sigmas[:, 1], 0.0, _MOST_DAMPING)
+        poles = 2.0 * np.pi * frequency_hz * (-upper + 1j * np.sqrt(1.0 - upper**2))
+        sigmas = np.maximum(sigmas, modal_sigmas(poles, fit.span.of(poles).fit(signals).information, noise))
+    return sigmas
 
 
 def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tuple[float, float]:
