@@ -15,17 +15,18 @@ from fsw.vision.rig import FloatArray, distort_point
 from wingbeat.kernels import tick_kernel
 
 Image = NDArray[Any]
-Ahead = NDArray[np.int64]  # (5,) bytes: row and place in it to be asked for next, first and last place, last row
+Ahead = NDArray[np.int64]  # (9,) row and byte to be asked for next, the box, and what of it is left out, see below
 
 LINE = 64  # bytes that memory gives at once
-LINES_A_STRIP = 5  # a cell's box has some four times as many lines as its sides have strips
-MARGIN_PX = 7.0  # round the expected corners: half a window
-ROW, AT, FIRST, LAST, LAST_ROW = range(5)
+LINES_A_STRIP = 4  # a cell's sides lie in some three times as many lines as they have strips
+MARGIN_PX = 7.0  # to either side of the expected sides: half a window
+# The box: first and last byte in each row, last row; inside of all sides: first row, that behind its last, bytes alike.
+ROW, AT, FIRST, LAST, LAST_ROW, INNER_ROW, OUTER_ROW, INNER, OUTER = range(9)
 
 
 def make_ahead() -> Ahead:
     """Take the memory; nothing is to be asked for."""
-    ahead = np.zeros(5, np.int64)
+    ahead = np.zeros(9, np.int64)
     ahead[LAST_ROW] = -1
     return ahead
 
@@ -34,16 +35,29 @@ def make_ahead() -> Ahead:
 def look_ahead(
     image: Image, corners_px: FloatArray, intrinsics: FloatArray, distortion: FloatArray, ahead: Ahead
 ) -> None:
-    """Begin to ask for the box of a cell whose corners (4, 2), ideal pixels, are expected."""
+    """Begin to ask for the sides of a cell whose corners (4, 2), ideal pixels, are expected."""
     height, width = image.shape
     left, right, top, bottom = math.inf, -math.inf, math.inf, -math.inf
-    for k in range(4):
-        x, y, _, _, _, _ = distort_point(corners_px[k, 0], corners_px[k, 1], intrinsics, distortion)
-        left, right, top, bottom = min(left, x), max(right, x), min(top, y), max(bottom, y)
-    ahead[FIRST] = ahead[AT] = int(max(left - MARGIN_PX, 0.0)) * image.itemsize
-    ahead[LAST] = int(min(right + MARGIN_PX, width - 1.0)) * image.itemsize
-    ahead[ROW] = int(max(top - MARGIN_PX, 0.0))
-    ahead[LAST_ROW] = int(min(bottom + MARGIN_PX, height - 1.0))
+    inner_left, inner_right, inner_top, inner_bottom = -math.inf, math.inf, -math.inf, math.inf
+    for k in range(2):  # each diagonal spans a box: the cell lies in both together, and what both share in the cell
+        u, v, _, _, _, _ = distort_point(corners_px[k, 0], corners_px[k, 1], intrinsics, distortion)
+        x, y, _, _, _, _ = distort_point(corners_px[k + 2, 0], corners_px[k + 2, 1], intrinsics, distortion)
+        u, x, v, y = min(u, x), max(u, x), min(v, y), max(v, y)
+        left, right, top, bottom = min(left, u), max(right, x), min(top, v), max(bottom, y)
+        inner_left, inner_right = max(inner_left, u), min(inner_right, x)
+        inner_top, inner_bottom = max(inner_top, v), min(inner_bottom, y)
+    ahead[FIRST] = ahead[AT] = _line(max(left - MARGIN_PX, 0.0) * image.itemsize)
+    ahead[LAST] = _line(min(right + MARGIN_PX, width - 1.0) * image.itemsize)
+    ahead[ROW], ahead[LAST_ROW] = int(max(top - MARGIN_PX, 0.0)), int(min(bottom + MARGIN_PX, height - 1.0))
+    ahead[INNER_ROW], ahead[OUTER_ROW] = int(inner_top + MARGIN_PX), int(inner_bottom - MARGIN_PX)
+    ahead[INNER] = _line((inner_left + MARGIN_PX) * image.itemsize) + LINE
+    ahead[OUTER] = _line((inner_right - MARGIN_PX) * image.itemsize)
+
+
+@tick_kernel
+def _line(place: float) -> int:
+    """First byte of the line in which a place lies."""
+    return int(place) & -LINE
 
 
 @tick_kernel
@@ -52,9 +66,12 @@ def ask(image: Image, ahead: Ahead) -> None:
     row, at = ahead[ROW], ahead[AT]
     if row > ahead[LAST_ROW]:
         return
+    last, inner, outer = ahead[LAST], ahead[INNER], ahead[OUTER]
     for _ in range(LINES_A_STRIP):
         prefetch(image, row, at)
         at += LINE
-        if at > ahead[LAST]:
+        if at == inner and at < outer and ahead[INNER_ROW] <= row < ahead[OUTER_ROW]:
+            at = outer
+        if at > last:
             row, at = row + 1, ahead[FIRST]
     ahead[ROW], ahead[AT] = row, at
