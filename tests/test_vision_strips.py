@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from test_vision_edges import table_of
 
 from fsw.vision.edges import BLUR, OWN, RIGHT, make_scratch
-from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader, weigh, weigh_squares
+from fsw.vision.lanes import LANES, ROWS, TAPS, make_column_reader, make_row_reader, make_window_finder
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
 from fsw.vision.sides import UNSETTLED_PX, Lens, inset_px, share_noise, straight_side
@@ -25,7 +25,8 @@ from fsw.vision.strips import (
     strip_columns,
     way_along,
 )
-from fsw.vision.templates import fill_templates
+from fsw.vision.templates import COLUMNS, fill_templates
+from fsw.vision.weighing import FIRST, OTHERS, weigh_others, weigh_strips
 from wingbeat.kernels import kernel
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
@@ -33,6 +34,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 BLUR_PX = 0.6
 ONE_COLUMN, TWO_COLUMNS, FOUR_COLUMNS = (make_column_reader(each) for each in (1, 2, 4))
 ONE_ROW, TWO_ROWS, FOUR_ROWS = (make_row_reader(each) for each in (1, 2, 4))
+WINDOWS = make_window_finder(32)
 STRAIGHT, BARREL = np.zeros(5), np.array([-0.12, 0.03, 1e-3, -2e-3, 0.0])
 
 
@@ -41,67 +43,107 @@ def read_at(
     image: np.ndarray[Any, Any],
     kind: int,
     row: int,
-    column: int,
-    last: int,
+    columns: np.ndarray[Any, np.dtype[np.int32]],
     lines: np.ndarray[Any, np.dtype[np.float32]],
 ) -> None:
-    """LANES strips of one of three kinds of columns, or one strip of one of three kinds of rows."""
-    y, x, z, s, p = np.uintp(row), np.uintp(column), np.uintp(last), np.uintp(2), np.uintp(3)
+    """LANES strips of one of three kinds of columns, or of one of three kinds of rows."""
+    y, x, s, p = np.uintp(row), np.uintp(columns[2]), np.uintp(2), np.uintp(3)
     if kind == 0:
-        ONE_COLUMN(image, y, x, z, lines, s, p)
+        ONE_COLUMN(image, y, x, lines, s, p)
     elif kind == 1:
-        TWO_COLUMNS(image, y, x, z, lines, s, p)
+        TWO_COLUMNS(image, y, x, lines, s, p)
     elif kind == 2:
-        FOUR_COLUMNS(image, y, x, z, lines, s, p)
+        FOUR_COLUMNS(image, y, x, lines, s, p)
     elif kind == 3:
-        ONE_ROW(image, y, x, z, lines, s, p)
+        ONE_ROW(image, y, columns, lines, s)
     elif kind == 4:
-        TWO_ROWS(image, y, x, z, lines, s, p)
+        TWO_ROWS(image, y, columns, lines, s)
     else:
-        FOUR_ROWS(image, y, x, z, lines, s, p)
+        FOUR_ROWS(image, y, columns, lines, s)
+
+
+@kernel
+def windows_at(
+    curve: tuple[float, float, float, float],
+    sign: int,
+    starts: np.ndarray[Any, np.dtype[np.int32]],
+    phases: np.ndarray[Any, np.dtype[np.int32]],
+    rests: FloatArray,
+) -> tuple[int, int]:
+    """Windows of LANES strips of 4 columns from 21.5 on."""
+    return WINDOWS(curve, 21.5, 4.0, sign, -5, starts, phases, rests, np.uintp(2))
 
 
 @kernel
 def products_at(
     lines: np.ndarray[Any, np.dtype[np.float32]],
+    starts: np.ndarray[Any, np.dtype[np.int32]],
+    phases: np.ndarray[Any, np.dtype[np.int32]],
     weight: np.ndarray[Any, np.dtype[np.float32]],
     own: np.ndarray[Any, np.dtype[np.float32]],
-) -> tuple[float, float, float]:
-    """What the strip of line 1, from its third number on, gives with the templates 1 and 2, and its squares."""
+    products: np.ndarray[Any, np.dtype[np.float32]],
+) -> tuple[float, float, float, float, float]:
+    """Products of LANES strips from the second on with table 1; of the third one, those with the other templates."""
     one, two = np.uintp(1), np.uintp(2)
-    b, c = weigh(lines, one, two, weight, one, two, one)
-    return b, c, weigh_squares(lines, one, two, own, one, two)
+    weigh_strips(lines, starts, weight, one, phases, products, one)
+    return weigh_others(lines, two, np.uintp(starts[2]), weight, own, one, np.uintp(phases[2]))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("kind", range(6))
 def test_strips_are_exact_sums_of_pixels(dtype: type, kind: int) -> None:
     rng = np.random.default_rng(3)
-    image = rng.integers(0, np.iinfo(dtype).max + 1, (40, 90)).astype(dtype)
+    image = rng.integers(0, np.iinfo(dtype).max + 1, (60, 90)).astype(dtype)
     image[20:28, 20:40] = np.iinfo(dtype).max  # the largest sums fit
     each, columns = (1, 2, 4)[kind % 3], kind < 3
-    for row, column in ((18, 19), (36, 90 - each * LANES if columns else 90 - LANES)):
-        lines = np.full((LANES + 4, ROWS + LANES), -1.0, np.float32)
-        read_at(image, kind, row, column, 39, lines)
-        if columns:  # rows behind the last are the last
-            part = image[np.minimum(np.arange(row, row + ROWS), 39), column : column + each * LANES].astype(np.int64)
+    for row, column in ((18, 19), (60 - (ROWS if columns else LANES * each), 90 - (each * LANES if columns else TAPS))):
+        lines = np.full((LANES + 4, ROWS + TAPS), -1.0, np.float32)
+        first = np.full(LANES + 4, column, np.int32)
+        first[3:] -= np.arange(LANES + 1, dtype=np.int32)  # strips of rows may begin anywhere
+        read_at(image, kind, row, first, lines)
+        if columns:
+            part = image[row : row + ROWS, column : column + each * LANES].astype(np.int64)
             true = part.reshape(ROWS, LANES, each).sum(axis=2).T
         else:
-            true = image[row : row + each, column : column + LANES].sum(axis=0, dtype=np.int64)[None]
+            strips = [image[row + i * each : row + (i + 1) * each, first[2 + i] :][:, :TAPS] for i in range(LANES)]
+            true = np.stack([strip.sum(axis=0, dtype=np.int64) for strip in strips])
+        place = 3 if columns else 0
         high, wide = true.shape
-        assert (lines[2 : 2 + high, 3 : 3 + wide] == true).all()
-        lines[2 : 2 + high, 3 : 3 + wide] = -1.0
+        assert (lines[2 : 2 + high, place : place + wide] == true).all()
+        lines[2 : 2 + high, place : place + wide] = -1.0
         assert (lines == -1.0).all()  # and nothing else is written
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_windows_begin_where_the_curve_stands(sign: int) -> None:
+    curve = (30.25, 101.37, 0.11, 2e-4)
+    starts, phases = np.full((2, LANES + 3), -7, np.int32)
+    rests = np.full(LANES + 3, -7.0)
+    ends = windows_at(curve, sign, starts, phases, rests)
+    place = sign * np.array([place_at(curve, 21.5 + 4.0 * i) for i in range(LANES)])
+    pixel = np.floor(place)
+    part = np.floor(32.0 * (place - pixel))
+    assert (starts[2:-1] == sign * pixel - 5).all() and (phases[2:-1] == part).all()
+    assert rests[2:-1] == pytest.approx(place - pixel - (part + 0.5) / 32.0, abs=1e-12)
+    assert ends == (starts[2:-1].min(), starts[2:-1].max())
+    assert (starts[[0, 1, -1]] == -7).all() and (rests[[0, 1, -1]] == -7.0).all()  # and nothing else is written
 
 
 def test_products_are_of_what_a_strip_differs_by_from_its_first_pixel() -> None:
     rng = np.random.default_rng(4)
-    lines, weight = (rng.normal(size=shape).astype(np.float32) for shape in ((3, LANES + 5), (2, 3, 4, LANES)))
-    own = weight[:, :, 3].copy()
-    true = (lines[1, 2 : 2 + LANES] - lines[1, 2]).astype(float)
-    b, c, squares = products_at(lines, weight, own)
-    assert [b, c] == pytest.approx(weight[1, 2, 1:3] @ true, rel=1e-5)
-    assert squares == pytest.approx(own[1, 2] @ true**2, rel=1e-5)
+    lines, weight = (rng.normal(size=n).astype(np.float32) for n in ((LANES + 2, TAPS + 5), (2, 3, COLUMNS, TAPS)))
+    own, products = weight[:, :, 3].copy(), np.full((2, LANES + 2), -7.0, np.float32)
+    starts, phases = rng.integers(0, 5, LANES + 2).astype(np.int32), rng.integers(0, 3, LANES + 2).astype(np.int32)
+    starts[4] = -1  # not in the image
+    others = products_at(lines, starts, phases, weight, own, products)
+    for i in range(1, LANES + 1):
+        at = max(starts[i], 0)
+        true = (lines[i, at : at + TAPS] - lines[i, at]).astype(float)
+        assert products[:, i] == pytest.approx(weight[1, phases[i], :FIRST] @ true, rel=1e-5, abs=1e-5)
+        if i == 2:
+            assert others[:OTHERS] == pytest.approx(weight[1, phases[2], FIRST:] @ true, rel=1e-5, abs=1e-5)
+            assert others[OTHERS] == pytest.approx(own[1, phases[2]] @ true**2, rel=1e-5, abs=1e-5)
+    assert (products[:, [0, -1]] == -7.0).all()  # and nothing else is written
 
 
 @dataclass(frozen=True)
@@ -187,7 +229,10 @@ def test_strips_cover_a_side_evenly(begin: float, stop: float) -> None:
     low, high = min(begin, stop), max(begin, stop)
     assert (np.diff(columns) >= way.each).all() and low <= columns[0] and columns[-1] + way.each - 1 <= high
     assert abs((columns[0] - low) - (high - columns[-1] - way.each + 1)) <= 2.0
-    assert way.strips == MOST_STRIPS if high - low > 1100.0 else high - low - way.strips * way.each < way.each
+    if high - low > 1100.0:
+        assert MOST_STRIPS - LANES <= way.strips <= MOST_STRIPS
+    else:
+        assert high - low - way.strips * way.each < way.each
 
 
 @pytest.mark.parametrize("quarter", range(4))
@@ -321,25 +366,24 @@ def test_at_the_images_rim_nothing_beyond_it_is_read(quarter: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("row", "column"), [(0, -30), (0, 20), (1, -30), (60, -30), (287, 200), (286, 300), (100, 300)]
+    ("row", "column"),
+    [(-1, 20), (0, -30), (0, 20), (1, -30), (60, -30), (288, 200), (289, 200), (286, 300), (100, 300)],
 )
 def test_strips_beyond_the_images_rim_are_left_out(row: int, column: int) -> None:
     """The image is the middle of a larger one, whose rest is bright: none of it comes into a strip."""
     whole = np.full(302 * 320, 255, np.uint8)
     image = whole[320:-320].reshape(300, 320)
     image[:] = np.random.default_rng(6).integers(0, 200, image.shape)
-    strips, way = make_strips(), Way(True, True, column, 40, 2, 32, 12)
+    strips, way = make_strips(), Way(True, True, column, 40, 2, 2 * LANES, 12)
     read_strips(image, (0.0, row + 5.3, 0.0, 0.0), way, strips)
     for i in range(40):
         first = column_of(way, i)
         start = strips.start[i]
-        if first < 0 or first + 2 > 320:
+        if first < 0 or first + 2 > 320 or row < 0 or row + 12 > 300:
             assert start < 0
-        elif start >= 0:
+        else:
             true = image[row : row + 12, first : first + 2].sum(axis=1, dtype=float)
             assert (strips.lines[i, start : start + 12] == true).all()
-        else:
-            assert row in (0, 288)  # beside the rim the whole row of strips is left out
 
 
 def test_a_noisy_segment_keeps_its_noise_and_the_others_share_theirs() -> None:

@@ -1,7 +1,7 @@
 """The next cell's pixels, asked for while this one's are worked on.
 
 All rows at one column of a large image fall into one set of the nearest cache, of which a few lines can be waited for
-at once: strips would wait long. What is asked for early, a few lines with each strip, is there when its turn comes.
+at once: strips would wait long. What is asked for early, a few rows at a time, is there when its turn comes.
 """
 
 import math
@@ -15,18 +15,18 @@ from fsw.vision.rig import FloatArray, distort_point
 from wingbeat.kernels import tick_kernel
 
 Image = NDArray[Any]
-Ahead = NDArray[np.int64]  # (9,) row and byte to be asked for next, the box, and what of it is left out, see below
+Ahead = NDArray[np.int64]  # (8,) row to be asked for next, the box, and what of it is left out, see below
 
 LINE = 64  # bytes that memory gives at once
-LINES_A_STRIP = 4  # a cell's sides lie in some three times as many lines as they have strips
+ROWS_AT_ONCE = 8  # asked for with each piece of a side: a cell has few more rows than its sides have strips
 MARGIN_PX = 7.0  # to either side of the expected sides: half a window
 # The box: first and last byte in each row, last row; inside of all sides: first row, that behind its last, bytes alike.
-ROW, AT, FIRST, LAST, LAST_ROW, INNER_ROW, OUTER_ROW, INNER, OUTER = range(9)
+ROW, LAST_ROW, FIRST, LAST, INNER_ROW, OUTER_ROW, INNER, OUTER = range(8)
 
 
 def make_ahead() -> Ahead:
     """Take the memory; nothing is to be asked for."""
-    ahead = np.zeros(9, np.int64)
+    ahead = np.zeros(8, np.int64)
     ahead[LAST_ROW] = -1
     return ahead
 
@@ -46,7 +46,7 @@ def look_ahead(
         left, right, top, bottom = min(left, u), max(right, x), min(top, v), max(bottom, y)
         inner_left, inner_right = max(inner_left, u), min(inner_right, x)
         inner_top, inner_bottom = max(inner_top, v), min(inner_bottom, y)
-    ahead[FIRST] = ahead[AT] = _line(max(left - MARGIN_PX, 0.0) * image.itemsize)
+    ahead[FIRST] = _line(max(left - MARGIN_PX, 0.0) * image.itemsize)
     ahead[LAST] = _line(min(right + MARGIN_PX, width - 1.0) * image.itemsize)
     ahead[ROW], ahead[LAST_ROW] = int(max(top - MARGIN_PX, 0.0)), int(min(bottom + MARGIN_PX, height - 1.0))
     ahead[INNER_ROW], ahead[OUTER_ROW] = int(inner_top + MARGIN_PX), int(inner_bottom - MARGIN_PX)
@@ -62,16 +62,16 @@ def _line(place: float) -> int:
 
 @tick_kernel
 def ask(image: Image, ahead: Ahead) -> None:
-    """Ask for the next few lines."""
-    row, at = ahead[ROW], ahead[AT]
-    if row > ahead[LAST_ROW]:
+    """Ask for the next few rows."""
+    begun, last = ahead[ROW], ahead[LAST_ROW]
+    if begun > last:
         return
-    last, inner, outer = ahead[LAST], ahead[INNER], ahead[OUTER]
-    for _ in range(LINES_A_STRIP):
-        prefetch(image, row, at)
-        at += LINE
-        if at == inner and at < outer and ahead[INNER_ROW] <= row < ahead[OUTER_ROW]:
-            at = outer
-        if at > last:
-            row, at = row + 1, ahead[FIRST]
-    ahead[ROW], ahead[AT] = row, at
+    ahead[ROW] = begun + ROWS_AT_ONCE
+    for row in range(begun, min(begun + ROWS_AT_ONCE, last + 1)):
+        inner, outer = ahead[INNER], ahead[OUTER]
+        if inner >= outer or not ahead[INNER_ROW] <= row < ahead[OUTER_ROW]:
+            inner = outer = ahead[LAST] + LINE
+        for at in range(ahead[FIRST], inner, LINE):
+            prefetch(image, row, at)
+        for at in range(outer, ahead[LAST] + 1, LINE):
+            prefetch(image, row, at)

@@ -9,7 +9,7 @@ from fsw.vision.ahead import Ahead, ask
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
-from fsw.vision.lanes import weigh, weigh_squares
+from fsw.vision.lanes import LANES
 from fsw.vision.sides import (
     CLIPPED_SHARE,
     MIN_CONTRAST,
@@ -31,12 +31,12 @@ from fsw.vision.templates import (
     LINE,
     PHASES,
     PROBE_PX,
-    RISING,
     SHIFT,
     STEP,
     SUMS,
     table_of,
 )
+from fsw.vision.weighing import weigh_others, weigh_strips
 from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
@@ -74,28 +74,29 @@ def match_strips(
 
     judged_each: strips from one that is judged to the next. most: squares that the model of a judged one may leave
     over. row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels. With
-    each strip, the image is asked for more of what is ahead.
+    each piece, the image is asked for more of what is ahead.
     """
-    lines, starts, places, last = strips.lines, strips.start, strips.place, way.taps - 1
+    lines, starts, rest_px, last = strips.lines, strips.start, strips.rest, way.taps - 1
     table = np.uintp(table_of(row, way.outwards))
+    for i in range(0, way.strips, LANES):
+        weigh_strips(lines, starts, weight, table, strips.phase, strips.product, np.uintp(i))
+    ended = 0
     for piece in range(pieces):
-        count, judged, sb, sbb, sbc, scc = 0, 0, 0.0, 0.0, 0.0, 0.0
+        ask(image, ahead)
+        begun, ended = ended, way.strips * (piece + 1) // pieces
+        count, judged, until, sb, sbb, sbc, scc = 0, 0, 0, 0.0, 0.0, 0.0, 0.0
         rest, blur_num, blur_den, cell = 0.0, 0.0, 0.0, 0.0
         rises, bends, off, off_variance = 0.0, 0.0, 0.0, 0.0
-        for i in range(way.strips * piece // pieces, way.strips * (piece + 1) // pieces):
-            ask(image, ahead)
-            start = starts[i]
+        for i in range(begun, ended):
+            s = np.uintp(i)
+            start = starts[s]
             if start < 0:
                 continue
-            place = places[i] * PHASES
-            phase = min(int(place), PHASES - 1)
-            s, at, p = np.uintp(i), np.uintp(start), np.uintp(phase)
-            b, shift = weigh(lines, s, at, weight, table, p, np.uintp(STEP))
-            c = shift - b * (place - phase - 0.5) * (1.0 / PHASES)
-            if count % judged_each == 0:
-                blurring, level = weigh(lines, s, at, weight, table, p, np.uintp(BLURRING))
-                rise, bend = weigh(lines, s, at, weight, table, p, np.uintp(RISING))
-                squares = weigh_squares(lines, s, at, own, table, p)
+            b, shift = strips.product[STEP, s], strips.product[SHIFT, s]
+            c = shift - b * rest_px[s]
+            if until == 0:
+                at, p = np.uintp(start), np.uintp(strips.phase[s])
+                blurring, level, rise, bend, squares = weigh_others(lines, s, at, weight, own, table, p)
                 step = b * scale[row, p, STEP] + shift * scale[row, p, ACROSS]
                 across, size = shift * scale[row, p, SHIFT], b * scale[row, p, BLURRING]
                 left = squares - level * level - step * step - across * across - blurring * blurring
@@ -111,7 +112,8 @@ def match_strips(
                 by_rise, by_bend = scale[row, p, BY_RISING], scale[row, p, BY_BENDING]
                 rises, bends, off = rises + rise, bends + bend, off + by_rise * rise + by_bend * bend
                 off_variance += by_rise * by_rise + by_bend * by_bend
-                judged += 1
+                judged, until = judged + 1, judged_each
+            until -= 1
             sb, sbb, sbc, scc = sb + b, sbb + b * b, sbc + b * c, scc + c * c
             count += 1
         sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC], sums[piece, CC] = count, sb, sbb, sbc, scc
@@ -214,8 +216,9 @@ def match_segments(
             scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
         )
         found, contrast, by_light, blur_num, blur_den = 0, 0.0, 0.0, 0.0, 0.0
+        ended = 0
         for piece in range(pieces):
-            begun, ended = way.strips * piece // pieces, way.strips * (piece + 1) // pieces
+            begun, ended = ended, way.strips * (piece + 1) // pieces
             count, b, bb, bc = sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC]
             if count < SEGMENT_STRIPS or 2.0 * count < ended - begun or sign * b <= MIN_CONTRAST * count * each:
                 continue

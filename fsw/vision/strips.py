@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.lanes import LANES, ROWS, make_column_reader, make_row_reader
+from fsw.vision.lanes import LANES, ROWS, TAPS, make_column_reader, make_row_reader, make_window_finder
 from fsw.vision.rig import distort_point
+from fsw.vision.templates import PHASES
 from wingbeat.kernels import inline_kernel, tick_kernel
 
 FloatArray = NDArray[np.float64]
@@ -19,9 +20,10 @@ MOST_COLUMNS = 4  # of a strip
 DRIFT_PX = 0.5  # of the edge from end to end of a strip, at most
 MOST_STRIPS = 256  # of a side,
 LEAST_STRIPS = 24  # and at least: fewer do not tell their noise
-LINE_PX = 5 * ROWS  # read across a side at once: LANES, and what it drifts over as many strips
+LINE_PX = 4 * ROWS  # read across a side at once: TAPS, and what it drifts over LANES strips
 
-# Read LANES strips, or one, by how many columns (or rows) of the image a strip has.
+_find_windows = make_window_finder(PHASES)
+# Read LANES strips, by how many columns (or rows) of the image a strip has.
 _four_columns, _two_columns, _one_column = (make_column_reader(each) for each in (4, 2, 1))
 _four_rows, _two_rows, _one_row = (make_row_reader(each) for each in (4, 2, 1))
 
@@ -29,15 +31,18 @@ _four_rows, _two_rows, _one_row = (make_row_reader(each) for each in (4, 2, 1))
 class Strips(NamedTuple):
     """Strips of the side being measured; taken once."""
 
-    lines: NDArray[np.float32]  # (MOST_STRIPS + LANES, LINE_PX) their pixels, along the image
-    start: NDArray[np.int64]  # (MOST_STRIPS,) where in its line a strip's window begins, < 0: not in the image
-    place: FloatArray  # (MOST_STRIPS,) of the edge behind the pixel before the window's middle, outwards, 0 .. 1
+    lines: NDArray[np.float32]  # (MOST_STRIPS + 1, LINE_PX) their pixels, along the image
+    start: NDArray[np.int32]  # (MOST_STRIPS,) where in its line a strip's window begins, < 0: not in the image
+    phase: NDArray[np.int32]  # (MOST_STRIPS,) of the edge in the pixel behind the window's middle, outwards: the part
+    rest: FloatArray  # (MOST_STRIPS,) of that pixel, and px beyond that part's middle
+    product: NDArray[np.float32]  # (2, MOST_STRIPS) step and shift product, see match_strips
 
 
 def make_strips() -> Strips:
     """Take the memory."""
-    lines = np.zeros((MOST_STRIPS + LANES, LINE_PX), np.float32)
-    return Strips(lines, np.zeros(MOST_STRIPS, np.int64), np.zeros(MOST_STRIPS))
+    lines = np.zeros((MOST_STRIPS + 1, LINE_PX), np.float32)
+    start, phase = np.zeros((2, MOST_STRIPS), np.int32)
+    return Strips(lines, start, phase, np.zeros(MOST_STRIPS), np.zeros((2, MOST_STRIPS), np.float32))
 
 
 class Way(NamedTuple):
@@ -124,79 +129,68 @@ def column_of(way: Way, strip: int) -> int:
 
 @inline_kernel
 def read_strips(image: Image, curve: Curve, way: Way, out: Strips) -> None:
-    """Read the strips of a side that the image shows."""
+    """Read the strips of a side that the image shows. Places are counted outwards, as the templates are."""
     across, along = image.shape if way.vertical else image.shape[::-1]
-    limit = across - way.taps
+    half = way.taps // 2
+    sign, first = (1, 1 - half) if way.outwards else (-1, -half)
     for strip in range(0, way.strips, LANES):
-        _find_windows(curve, way, strip, along, out)
-        if way.vertical:
-            _read_columns(image, way, strip, limit, out)
+        column, s = column_of(way, strip), np.uintp(strip)
+        middle = column + 0.5 * (way.each - 1)
+        low, high = _find_windows(curve, middle, way.each, sign, first, out.start, out.phase, out.rest, s)
+        # Rows of the image that are read, a few at once.
+        count = (high - low + way.taps + ROWS - 1) // ROWS * ROWS if way.vertical else TAPS
+        whole = 0 <= column <= along - LANES * way.each and low >= 0 and high + way.taps <= across
+        if not whole or count > min(LINE_PX, across):
+            _read_rim(image, way, strip, out)
+        elif way.vertical:
+            _read_columns(image, way, strip, min(low, across - count), count, out)
         else:
-            _read_rows(image, way, strip, limit, out)
+            _read_rows(image, way, strip, out)
 
 
 @inline_kernel
-def _find_windows(curve: Curve, way: Way, strip: int, along: int, out: Strips) -> None:
-    """Where LANES strips begin across the side. Places are counted outwards, as the templates are."""
-    half, sign = way.taps // 2, 1.0 if way.outwards else -1.0
-    column, middle = column_of(way, strip), 0.5 * (way.each - 1)
-    for i in range(strip, min(strip + LANES, way.strips)):
-        centre = sign * place_at(curve, column + middle)
-        base = math.floor(centre)
-        out.place[i] = centre - base
-        if column < 0 or column + way.each > along:
-            out.start[i] = -1
-        else:
-            out.start[i] = base - half + 1 if way.outwards else -base - half
-        column += way.each
-
-
-@inline_kernel
-def _read_columns(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
+def _read_columns(image: Image, way: Way, strip: int, row: int, rows: int, out: Strips) -> None:
     """Read LANES strips that lie side by side along image rows."""
-    end = min(strip + LANES, way.strips)
-    column = column_of(way, strip)
-    # Nothing may be read before the image's first pixel, nor behind its last.
-    pitch, last = image.strides[0] // image.itemsize, image.shape[0] - 1
-    before, beyond = -column, column + LANES * way.each - image.shape[1]
-    least = 1 + (before - 1) // pitch if before > 0 else 0
-    if beyond > 0:
-        shorter = 1 + (beyond - 1) // pitch
-        last, limit = last - shorter, limit - shorter
-    row, stop = last + 1, 0
-    for i in range(strip, end):
-        if least <= out.start[i] <= limit:
-            row, stop = min(row, out.start[i]), max(stop, out.start[i] + way.taps)
-    for i in range(strip, end):
-        inside = least <= out.start[i] <= min(limit, row + LINE_PX - LANES)
-        out.start[i] = out.start[i] - row if inside else -1
-    x, z, s = np.uintp(column), np.uintp(last), np.uintp(strip)
-    for place in range(0, min(stop - row, LINE_PX), ROWS):
+    x, s = np.uintp(column_of(way, strip)), np.uintp(strip)
+    for place in range(0, rows, ROWS):
         y, p = np.uintp(row + place), np.uintp(place)
         if way.each == 4:
-            _four_columns(image, y, x, z, out.lines, s, p)
+            _four_columns(image, y, x, out.lines, s, p)
         elif way.each == 2:
-            _two_columns(image, y, x, z, out.lines, s, p)
+            _two_columns(image, y, x, out.lines, s, p)
         else:
-            _one_column(image, y, x, z, out.lines, s, p)
+            _one_column(image, y, x, out.lines, s, p)
+    for i in range(strip, strip + LANES):
+        out.start[i] -= row
 
 
 @inline_kernel
-def _read_rows(image: Image, way: Way, strip: int, limit: int, out: Strips) -> None:
+def _read_rows(image: Image, way: Way, strip: int, out: Strips) -> None:
     """Read LANES strips that lie one below the other."""
-    none = np.uintp(0)
-    row = column_of(way, strip) - way.each
-    for i in range(strip, min(strip + LANES, way.strips)):
-        row, column = row + way.each, out.start[i]
-        # Lanes beyond the taps must not lie behind the image.
-        inside = 0 <= column <= limit and (row + way.each < image.shape[0] or column + LANES <= image.shape[1])
-        out.start[i] = 0 if inside else -1
-        if not inside:
+    y, s = np.uintp(column_of(way, strip)), np.uintp(strip)
+    if way.each == 4:
+        _four_rows(image, y, out.start, out.lines, s)
+    elif way.each == 2:
+        _two_rows(image, y, out.start, out.lines, s)
+    else:
+        _one_row(image, y, out.start, out.lines, s)
+    for i in range(strip, strip + LANES):
+        out.start[i] = 0
+
+
+@tick_kernel
+def _read_rim(image: Image, way: Way, strip: int, out: Strips) -> None:
+    """Read those of LANES strips that the image shows, pixel by pixel."""
+    across, along = image.shape if way.vertical else image.shape[::-1]
+    for i in range(strip, strip + LANES):
+        column, start = column_of(way, i), out.start[i]
+        if not (0 <= column <= along - way.each and 0 <= start <= across - way.taps):
+            out.start[i] = -1
             continue
-        y, x, s = np.uintp(row), np.uintp(column), np.uintp(i)
-        if way.each == 4:
-            _four_rows(image, y, x, none, out.lines, s, none)
-        elif way.each == 2:
-            _two_rows(image, y, x, none, out.lines, s, none)
-        else:
-            _one_row(image, y, x, none, out.lines, s, none)
+        out.start[i] = 0
+        for k in range(way.taps):
+            total = 0
+            for each in range(way.each):
+                x, y = (column + each, start + k) if way.vertical else (start + k, column + each)
+                total += image[y, x]
+            out.lines[i, k] = total

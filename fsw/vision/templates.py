@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import look_up
-from fsw.vision.lanes import LANES
+from fsw.vision.lanes import TAPS
 from wingbeat.kernels import tick_kernel
 
 FloatArray = NDArray[np.float64]
@@ -42,8 +42,8 @@ class Templates(NamedTuple):
     Tables: the rows for pixels taken outwards (0, 1) and inwards (2, 3), see `table_of`. Pixels beyond taps weigh 0.
     """
 
-    weight: NDArray[np.float32]  # (4, PHASES, COLUMNS, LANES) what gives step, step times shift, blurring, level, ...
-    pixel_weight: NDArray[np.float32]  # (4, PHASES, LANES) of each pixel's square, 1 on the mean
+    weight: NDArray[np.float32]  # (4, PHASES, COLUMNS, TAPS) what gives step, step times shift, blurring, level, ...
+    pixel_weight: NDArray[np.float32]  # (4, PHASES, TAPS) of each pixel's square, 1 on the mean
     scale: FloatArray  # (2, PHASES, COLUMNS) lengths of step, shift and blurring, and what ACROSS ... BENDING name
     bent: FloatArray  # (2, 2) a linear shift f means f + bent[0] f2 + bent[1] f3
     blurred: FloatArray  # (2,) and what an edge blurred by 1 px more seems shifted by
@@ -53,17 +53,15 @@ class Templates(NamedTuple):
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
     sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
-    work: (
-        FloatArray  # (COLUMNS + 3, LANES) templates, an edge shifted to either side, and pixels' weights, being filled
-    )
+    work: FloatArray  # (COLUMNS + 3, TAPS) templates, an edge shifted to either side, and pixels' weights, being filled
     share: FloatArray  # (COLUMNS, COLUMNS) of one column along another, see _orthonormal
 
 
 def make_templates() -> Templates:
     """Take the tables."""
     return Templates(
-        np.zeros((4, PHASES, COLUMNS, LANES), np.float32),
-        np.zeros((4, PHASES, LANES), np.float32),
+        np.zeros((4, PHASES, COLUMNS, TAPS), np.float32),
+        np.zeros((4, PHASES, TAPS), np.float32),
         np.zeros((2, PHASES, COLUMNS)),
         np.zeros((2, 2)),
         np.zeros(2),
@@ -73,7 +71,7 @@ def make_templates() -> Templates:
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
         np.zeros((MOST_SEGMENTS, SUMS)),
-        np.zeros((COLUMNS + 3, LANES)),
+        np.zeros((COLUMNS + 3, TAPS)),
         np.zeros((COLUMNS, COLUMNS)),
     )
 
@@ -88,7 +86,7 @@ def table_of(row: int, outwards: bool) -> int:
 def choose_taps(blur_px: float, gain: float, room_px: float) -> int:
     """Pixels across an edge: more, where lines leave room_px of them on either side; 0 if the blur is too wide."""
     least = max(math.ceil(REACH_SIGMAS * blur_px / gain + REACH_PX), LEAST_HALF)
-    half = min(max(math.floor(min(room_px, LANES)), least), least + WIDER_PX, LANES // 2)
+    half = min(max(math.floor(min(room_px, TAPS)), least), least + WIDER_PX, TAPS // 2)
     return 2 * half if half >= least else 0
 
 
