@@ -74,13 +74,14 @@ def visible_region(
     """
     x, y = (np.linspace(box_mm[0, k], box_mm[1, k], n) for k, n in ((0, 97), (1, 49)))
     nodes = np.stack(np.meshgrid(x, y), axis=-1)
-    seen, jacobian = _seen(rig, eye, R, t_mm, nodes)
+    seen = _seen(rig, eye, R, t_mm, nodes)
     if not seen.any():
         return None
     margin = np.array([x[1] - x[0], y[1] - y[0]])
     low, high = nodes[seen].min(axis=0) - margin, nodes[seen].max(axis=0) + margin
     part = np.stack((np.maximum(low, box_mm[0]), np.minimum(high, box_mm[1])))
-    scale = np.linalg.svd(np.median(jacobian[seen], axis=0), compute_uv=False)
+    jacobian = _px_per_mm(plane_homography(rig, eye, R, t_mm), nodes[seen])
+    scale = np.linalg.svd(np.median(jacobian, axis=0), compute_uv=False)
     return part, np.array([scale[1], np.sqrt(scale[0] * scale[1])])
 
 
@@ -97,7 +98,7 @@ def metric_view(
     cells = [(n + _NODE_STEP - 1) // _NODE_STEP + 1 for n in (width, height)]
     x, y = (box_mm[0, k] + mm_per_px * _NODE_STEP * np.arange(cells[k]) for k in (0, 1))
     nodes = np.stack(np.meshgrid(x, y), axis=-1)
-    seen, _ = _seen(rig, eye, R, t_mm, nodes, margin=0.2)
+    seen = _seen(rig, eye, R, t_mm, nodes, margin=0.2)
     ideal = apply_homography(plane_homography(rig, eye, R, t_mm), nodes)
     ideal[~seen] = -1e6
     # Averaging puts the centre of small pixel i at (i + 0.5) * shrink - 0.5 of the image.
@@ -124,8 +125,8 @@ def _halved(image: Image, most: int) -> tuple[Image, int]:
 
 def _seen(
     rig: StereoRig, eye: int, R: FloatArray, t_mm: FloatArray, nodes: FloatArray, margin: float = 0.0
-) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which points (..., 2) of the wing's plane lie in the image (or near it), and px per mm (..., 2, 2) there."""
+) -> NDArray[np.bool_]:
+    """Which points (..., 2) of the wing's plane lie in the image (or near it)."""
     size = rig.size[eye].astype(np.float64)
     # Far outside the image the distortion's polynomial folds back: keep to what the image's rim spans when
     # undistorted.
@@ -139,8 +140,15 @@ def _seen(
     front = depth > 1e-3 * np.linalg.norm(t_mm)
     safe = np.where(front, depth, 1.0)
     px = (nodes @ H[:2, :2].T + H[:2, 2]) / safe[..., None]
-    jacobian = (H[:2, :2] - px[..., None] * H[2, None, :2]) / safe[..., None, None]
-    return front & np.all((px >= low) & (px <= high), axis=-1), jacobian
+    within = (px[..., 0] >= low[0]) & (px[..., 0] <= high[0]) & (px[..., 1] >= low[1]) & (px[..., 1] <= high[1])
+    return np.asarray(front & within)
+
+
+def _px_per_mm(H: FloatArray, points_mm: FloatArray) -> FloatArray:
+    """Resolution (n, 2, 2) at points (n, 2) of the wing's plane: the homography's Jacobian."""
+    depth = points_mm @ H[2, :2] + H[2, 2]
+    px = (points_mm @ H[:2, :2].T + H[:2, 2]) / depth[..., None]
+    return np.asarray((H[:2, :2] - px[..., None] * H[2, None, :2]) / depth[..., None, None])
 
 
 @kernel

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from fsw.vision.cells import centres_of
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -77,19 +78,34 @@ def _mutual(tree: cKDTree, centre: FloatArray, scale: FloatArray, step: FloatArr
 def _places(n: int, links: list[tuple[IntArray, IntArray, tuple[int, int]]]) -> tuple[IntArray, IntArray]:
     """Integer place (n, 2) by walking the links from one cell of each component, and the component (n,)."""
     tail, head = (np.concatenate([k[i] for k in links]) for i in (0, 1))
-    step = np.concatenate([np.tile(k[2], (len(k[0]), 1)) for k in links])
     graph = coo_array((np.ones(len(tail)), (tail, head)), shape=(n, n)).tocsr()
     _, label = connected_components(graph, directed=False)
-    move = {(int(a), int(b)): s for a, b, s in zip(tail, head, step, strict=True)}
+    onward, steps = np.full((len(links), n), -1), np.array([step for _, _, step in links])
+    for to, (one, other, _) in zip(onward, links, strict=True):
+        to[one] = other
     place = np.zeros((n, 2), dtype=np.int64)
     _, roots = np.unique(label, return_index=True)
     for root in roots:
         order, parent = breadth_first_order(graph, int(root), directed=False)
-        for node in order[1:]:
-            up = int(parent[node])
-            forth = move.get((up, int(node)))
-            place[node] = place[up] + (forth if forth is not None else -move[(int(node), up)])
+        _walk(order, parent, onward, steps, place)
     return place, label.astype(np.int64)
+
+
+@kernel
+def _walk(
+    order: NDArray[np.int32], parent: NDArray[np.int32], onward: IntArray, steps: IntArray, place: IntArray
+) -> None:
+    """Place (n, 2) of one component's cells, in the order of their walk, from that of the cell each was reached from.
+
+    onward (links, n): the cell that a link leads to; steps (links, 2): what it changes the place by.
+    """
+    for node in order[1:]:
+        up = parent[node]
+        for i in range(len(steps)):
+            forth = onward[i, up] == node
+            if forth or onward[i, node] == up:
+                sign = 1 if forth else -1
+                place[node, 0], place[node, 1] = place[up, 0] + sign * steps[i, 0], place[up, 1] + sign * steps[i, 1]
 
 
 def _consistent(
