@@ -17,41 +17,45 @@ from fsw.vision.sides import (
     NOISIER,
     Lens,
     inset_px,
-    is_noise,
     is_settled,
     share_noise,
 )
+from fsw.vision.stains import is_clipped, is_even, least_noise, take_off_light
 from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
 from fsw.vision.templates import (
     ACROSS,
+    BB,
+    BC,
+    BENDS,
+    BLUR_DEN,
+    BLUR_NUM,
     BLURRING,
     BY_BENDING,
     BY_RISING,
+    CC,
+    CELL,
+    COUNT,
+    CUT,
     INSIDE,
+    JUDGES,
     LINE,
+    OFF,
+    OFF_VARIANCE,
     PHASES,
     PROBE_PX,
+    REST,
+    RISES,
     SHIFT,
     STEP,
     SUMS,
+    B,
     table_of,
 )
 from fsw.vision.weighing import weigh_others, weigh_strips
-from wingbeat.kernels import inline_kernel, tick_kernel
+from wingbeat.kernels import inline_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # every so many strips are asked for what the model leaves over
-UNSURE = 0.5  # of what light laid over a side feigns, for it need be no parabola
-CLIPPED = 0.98  # of full scale: a mean of pixels whose noise reaches it
-CLIPPED_PX = 3  # of the line in a strip, any of which tells
-
-# Columns of sums over a segment's strips: how many there are, the step b and c, which is b times the shift in pixels;
-COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
-# and of every JUDGED-th: how many, squares that the model leaves over, the correction of the blur and its weight, and
-# the cell's grey value, products with the templates of light laid over the edge, what they say that c is off by, and
-# that one's variance over c's.
-JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL, RISES, BENDS, OFF, OFF_VARIANCE = 5, 6, 7, 8, 9, 10, 11, 12, 13
-CUT = 14  # deviation by light that is cut off at full scale
 
 
 @inline_kernel
@@ -121,56 +125,6 @@ def match_strips(
         sums[piece, BLUR_NUM], sums[piece, BLUR_DEN], sums[piece, CELL] = blur_num, blur_den, cell
         sums[piece, RISES], sums[piece, BENDS] = rises, bends
         sums[piece, OFF], sums[piece, OFF_VARIANCE] = off, off_variance
-
-
-@tick_kernel
-def is_clipped(strips: Strips, way: Way, strip: int, full: float) -> bool:
-    """Whether the line reads full scale in a strip, where light may be cut off."""
-    start = strips.start[strip]
-    outermost = start + way.taps - 1 if way.outwards else start
-    inwards = -1 if way.outwards else 1
-    for k in range(CLIPPED_PX if start >= 0 else 0):
-        if strips.lines[strip, outermost + k * inwards] >= CLIPPED * full * way.each:
-            return True
-    return False
-
-
-@tick_kernel
-def is_even(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> bool:
-    """Whether what the segments (found, 4) show of light laid over the edge, sums (found, SUMS), is noise.
-
-    An edge far from where the templates expect it shows more than they know; it is matched again where it was found.
-    """
-    chi2, near = 0.0, 0
-    for i in range(found):
-        if abs(segments[i, 1]) > PROBE_PX:
-            continue
-        near += 1
-        noise = segments[i, 2] * sums[i, BB] / (gain * gain)
-        chi2 += (sums[i, RISES] ** 2 + sums[i, BENDS] ** 2) / (sums[i, JUDGES] * noise)
-    return is_noise(chi2, 2 * near)
-
-
-@tick_kernel
-def least_noise(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> float:
-    """Noise of a strip's shift product in the quietest of the segments (found, 4)."""
-    least = math.inf
-    for i in range(found):
-        least = min(least, segments[i, 2] * sums[i, BB] / (gain * gain))
-    return least
-
-
-@tick_kernel
-def take_off_light(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> None:
-    """Take off the segments' offsets (found, 4) what light laid over the edge feigns, and widen them by its noise."""
-    for i in range(found):
-        if abs(segments[i, 1]) > PROBE_PX:
-            continue
-        judged, step = sums[i, JUDGES], sums[i, B] / sums[i, COUNT]
-        feigned = abs(gain) * sums[i, OFF] / (judged * step)
-        segments[i, 1] -= feigned
-        noise2 = segments[i, 2] * sums[i, BB] * sums[i, OFF_VARIANCE] / (judged * step) ** 2
-        segments[i, 2] += noise2 + (UNSURE * feigned) ** 2
 
 
 @inline_kernel

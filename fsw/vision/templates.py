@@ -34,6 +34,13 @@ WIDER_PX = 2  # plateau that tells the levels better, where the line is as wide
 NOISE_RANGE = 12.0  # times as much variance on one plateau as on the other, at most
 INSIDE, LINE = 0, 1  # in Templates.noise
 MOST_SEGMENTS, SUMS = 6, 15
+# Columns of Templates.sums, over a segment's strips: how many there are, the step b and c, b times the shift in pixels;
+COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
+# and of every JUDGED-th: how many, squares that the model leaves over, the correction of the blur and its weight, and
+# the cell's grey value, products with the templates of light laid over the edge, what they say that c is off by, and
+# that one's variance over c's.
+JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL, RISES, BENDS, OFF, OFF_VARIANCE = 5, 6, 7, 8, 9, 10, 11, 12, 13
+CUT = 14  # deviation by light that is cut off at full scale
 
 
 class Templates(NamedTuple):
