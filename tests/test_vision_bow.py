@@ -127,7 +127,7 @@ def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, distance)
     bow = make_bow(grid, surface)
     fit_kinks(surface, points, bow)
-    unbend(surface, eyes, expected, covariance, np.full(2, BLUR_PX), bow, points)
+    unbend(surface, eyes, expected, covariance, np.full((2, 2), BLUR_PX), bow, points)
     after = np.abs(points.xyz_mm - true)[seen]
     assert seen.sum() > 200
     assert before[:, 0].max() > 0.002 and before[:, 2].max() > 0.001
