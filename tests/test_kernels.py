@@ -167,3 +167,10 @@ def test_a_true_mode_stands_beside_the_nearest_found_one_only_if_it_is_near() ->
     found = [mode(0.70), mode(0.72), mode(4.0)]
     known = [{"frequency_hz": f, "damping_ratio": 0.01} for f in (0.7146, 3.0)]
     assert partners(found, known) == {1: known[0]}
+
+
+def test_no_tick_is_the_first_to_call_a_kernel(tmp_path: Path) -> None:
+    script = Path(__file__).with_name("kernels_after_init.py")
+    command = [sys.executable, script, "small", "2", tmp_path / "run"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=400)
+    assert said.stdout.split() == []

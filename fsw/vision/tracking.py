@@ -153,9 +153,7 @@ class Tracker:
         stand = self._gate(gate_mm)
         expect_again(self.surface, self.eyes, self.wanted, self.expected_px)
         fit_kinks(self.surface, points, self._bow)
-        if self._judge_sizes(matched):
-            gate_residuals(points, *gates_px)
-            measure_distance(self.surface, points, self._odd, self.distance_mm)
+        if self._judge_sizes(matched, *gates_px):
             stand = self._gate(gate_mm)
         unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, self._bow, points)
         for eye in (0, 1):
@@ -170,7 +168,7 @@ class Tracker:
         gate_points(self.points, self.distance_mm, gate_mm, self._widest_mm)
         return int(gate_columns(self.points, self.distance_mm, self._column, self._work))
 
-    def _judge_sizes(self, matched: NDArray[np.bool_]) -> bool:
+    def _judge_sizes(self, matched: NDArray[np.bool_], reprojection_gate_px: float, epipolar_gate_px: float) -> bool:
         """Triangulate matched cells of odd sizes once more, by what they are worth; returns whether there are any."""
         points, odd, cells = self.points, self._odd, self.cells
         tilt_extents(self.surface, self.eyes, self.expected_px, self.wanted, self._bow, self._tilted_px)
@@ -182,6 +180,9 @@ class Tracker:
         retriangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, odd, points)
         for eye in (0, 1):
             np.logical_and(points.valid, cells[eye].found, out=points.valid)
+        # Also where none is odd: what does not run at INIT would be compiled in the first tick that has one.
+        gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
+        measure_distance(self.surface, points, odd, self.distance_mm)
         return bool(count(odd) > 0)
 
     def discard(self) -> None:
