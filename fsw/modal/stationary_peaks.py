@@ -124,13 +124,13 @@ def _covers(candidate: Candidate, hz: float, duration_s: float) -> bool:
     return abs(candidate.frequency_hz - hz) < _WIDTHS * width_hz
 
 
-def poles_under(diagram: list[Pole], frequency_hz: float, reach_hz: float, shape: FloatArray) -> list[Pole]:
+def poles_under(diagram: list[Pole], frequency_hz: float, within_hz: float, shape: FloatArray) -> list[Pole]:
     """Poles of all orders near a peak of this shape (p,)."""
     its = shape.astype(np.complex128)
     return [
         pole
         for pole in diagram
-        if abs(pole.frequency_hz - frequency_hz) < reach_hz and shape_assurance(pole.shape, its) > _ALIKE
+        if abs(pole.frequency_hz - frequency_hz) < within_hz and shape_assurance(pole.shape, its) > _ALIKE
     ]
 
 
