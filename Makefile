@@ -9,15 +9,24 @@ CORE := fault fsw.tables fsw.commands telemetry.commands telemetry.uplink teleme
 CORE_TESTS := $(wildcard tests/test_fault_*.py tests/test_table*.py) tests/test_commands.py tests/test_mavlink_uplink.py \
 	tests/test_uplink.py tests/test_scenario.py tests/test_bad_input.py
 
-.PHONY: demo setup test lint check coverage mutation lock clean
+# Tests that need the machine for themselves: no other file need be read for them.
+ALONE_TESTS := $(shell grep -l "mark.alone" tests/test_*.py)
+
+.PHONY: demo setup test kernels lint check coverage mutation lock clean
 
 demo: $(VENV)/ready
 	$(BIN)/wingbeat sil paper
 
 setup: $(VENV)/ready
 
-# The checks go first: kernels compile slowly while coverage is measured.
-test: lint check coverage
+# Kernels are compiled once, beside what needs none of them; two workers of pytest would each compile all.
+test: $(VENV)/ready
+	$(MAKE) -j 2 kernels lint
+	$(MAKE) check
+	$(MAKE) coverage
+
+kernels: $(VENV)/ready
+	$(BIN)/wingbeat compile
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check $(ROOMS)
@@ -28,7 +37,7 @@ lint: $(VENV)/ready-test
 # Files in their order: those with the fewest tests, which would else come last, are the longest.
 check: $(VENV)/ready-test
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not alone" $(CORE_TESTS:%=--ignore=%)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m alone
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m alone $(ALONE_TESTS)
 
 coverage: $(VENV)/ready-test
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(CORE_TESTS) $(CORE:%=--cov=%) --cov-branch \
@@ -41,8 +50,9 @@ mutation: $(VENV)/ready-test
 
 $(VENV)/ready: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile -r requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m compileall -q -j 0 -x '/tests/' $(VENV)/lib
 	touch $@
 
 $(VENV)/ready-test: requirements-test.lock $(VENV)/ready

@@ -13,12 +13,16 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 import wingbeat.kernels as kernels
+from fsw.executive.executive import Executive
+from fsw.tables.flight import load_flight
+from sim.compiling import IMAGE, PARTS, compile_part
+from sim.whole_world import WholeWorld
 from telemetry.modes_text import modes_table, partners
 from wingbeat.console import track, write_json
 from wingbeat.errors import InputError
 from wingbeat.kernels import inline_kernel, kernel, tick_kernel
 
-COMMANDS = ("sil", "replay", "identify", "decode", "export")
+COMMANDS = ("sil", "replay", "identify", "decode", "export", "compile")
 
 
 def test_the_folder_of_compiled_code_changes_with_any_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,8 +173,17 @@ def test_a_true_mode_stands_beside_the_nearest_found_one_only_if_it_is_near() ->
     assert partners(found, known) == {1: known[0]}
 
 
-def test_no_tick_is_the_first_to_call_a_kernel(tmp_path: Path) -> None:
+def test_no_tick_and_no_identification_is_the_first_to_call_a_kernel(tmp_path: Path) -> None:
     script = Path(__file__).with_name("kernels_after_init.py")
     command = [sys.executable, script, "small", "2", tmp_path / "run"]
     said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=400)
     assert said.stdout.split() == []
+
+
+def test_what_is_compiled_beforehand_is_an_image_and_what_init_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    prepared, drawn = [], []
+    monkeypatch.setattr(Executive, "prepare", lambda _, task: prepared.append(task))
+    monkeypatch.setattr(WholeWorld, "render", lambda *_: drawn.append(IMAGE))
+    for part in PARTS:
+        compile_part(part)
+    assert sorted(prepared) == sorted(row.task for row in load_flight().schedule) and drawn == [IMAGE]

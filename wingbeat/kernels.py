@@ -45,7 +45,10 @@ def _folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="wingbeat-kernels-"))
 
 
-setattr(config, "CACHE_DIR", str(_folder()))  # noqa: B010  # numba makes its settings at run time
+FOLDER = _folder()
+"""Where compiled code is kept."""
+
+setattr(config, "CACHE_DIR", str(FOLDER))  # noqa: B010  # numba makes its settings at run time
 
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 _TICK: dict[str, Any] = {**_OPTIONS, "_nrt": False}  # without numba's run time, which allocates and counts

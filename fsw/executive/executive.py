@@ -87,6 +87,10 @@ class Executive:
         for entry in entries:
             entry.start()
 
+    def prepare(self, task: str) -> None:
+        """Initialise one task alone, which is then not run."""
+        self._entries[task].init()
+
     def step(self) -> bool:
         """Wait for the next edge and run its tick; False when the trigger has ended."""
         edge = self._next_edge()
