@@ -211,6 +211,9 @@ def test_pixels_are_gathered_whole_and_only_those_in_the_image() -> None:
     assert gather(image, ((5.0, 20.0), (14.0, 20.0)), 1.0, True, (3.0, 4.0), 1, True, scratch) == (True, True)
 
 
+_SEEN: dict[Any, np.ndarray[Any, Any]] = {}  # drawings that several tests look at
+
+
 @dataclass(frozen=True)
 class Sheet:
     """3 x 3 cells with lines between them and a border round them, seen by one eye through a plane's homography."""
@@ -225,11 +228,8 @@ class Sheet:
 
     def lit(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """1 on lines and border, 0 on cells and beside the sheet."""
-        on = np.zeros(X.shape, bool)
-        for i in range(3):
-            for j in range(3):
-                x, y = X - i * self.pitch_mm[0], Y - j * self.pitch_mm[1]
-                on |= (x > 0) & (x < self.cell_mm[0]) & (y > 0) & (y < self.cell_mm[1])
+        x, y = (A - p * np.clip(np.floor(A / p), 0, 2) for A, p in zip((X, Y), self.pitch_mm, strict=True))
+        on = (x > 0) & (x < self.cell_mm[0]) & (y > 0) & (y < self.cell_mm[1])
         for x0, x1, y0, y1 in self.covered_mm:
             on |= (x0 < X) & (x1 > X) & (y0 < Y) & (y1 > Y)
         end = [2 * p + c + self.border_mm for p, c in zip(self.pitch_mm, self.cell_mm, strict=True)]
@@ -237,7 +237,16 @@ class Sheet:
         return (inside & ~on).astype(np.float32)
 
     def draw(self, dtype: type = np.uint8, dark: bool = True, over: int = 12) -> np.ndarray[Any, Any]:
-        """By brute force: over x over samples a pixel, blurred as finely."""
+        """Grey values, from 30 to 180 where the type is uint8."""
+        key = (over, self.H.tobytes(), *(value for name, value in vars(self).items() if name != "H"))
+        if key not in _SEEN:
+            _SEEN[key] = self._seen(over)
+        seen = _SEEN[key]
+        grey = np.clip(30.0 + 150.0 * (seen if dark else 1.0 - seen), 0.0, 255.0)
+        return np.round(grey * (1.0 if dtype is np.uint8 else 200.0)).astype(dtype)
+
+    def _seen(self, over: int) -> np.ndarray[Any, Any]:
+        """How much of each pixel is lit, by brute force: over x over samples a pixel, blurred as finely."""
         width, height = self.size
         u = (np.arange(width * over) + 0.5) / over - 0.5
         v = (np.arange(height * over) + 0.5) / over - 0.5
@@ -246,9 +255,7 @@ class Sheet:
         X, Y = ((G[i, 0] * u + G[i, 1] * v[:, None] + G[i, 2]) / w for i in (0, 1))
         sigma = self.blur_px * over
         seen = cv2.GaussianBlur(self.lit(X, Y), (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-        seen = cv2.resize(seen, self.size, interpolation=cv2.INTER_AREA)
-        grey = np.clip(30.0 + 150.0 * (seen if dark else 1.0 - seen), 0.0, 255.0)
-        return np.round(grey * (1.0 if dtype is np.uint8 else 200.0)).astype(dtype)
+        return cv2.resize(seen, self.size, interpolation=cv2.INTER_AREA)
 
     def corners_px(self) -> FloatArray:
         """(9, 4, 2), column by column."""

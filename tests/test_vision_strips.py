@@ -173,16 +173,25 @@ class Edge:
 
         grows: relative growth of the light per px outwards.
         """
-        lens, (width, height) = self.lens, self.size
-        total = np.zeros((height, width))
-        x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+        width, height = self.size
+        middle = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1).reshape(-1, 2)
+        total = self._grey(middle, away_px, grows)
+        # A pixel that is farther away than the blur reaches has the same light all over, or light that grows evenly.
+        near = np.abs(self._far(middle)) < 10.0 * BLUR_PX + 1.0 + abs(away_px)
+        total[near] = 0.0
         for (p, wp), (q, wq) in product(zip(NODES, WEIGHTS, strict=True), repeat=2):
-            at = np.stack([(x + 0.5 * p).ravel(), (y + 0.5 * q).ravel()], axis=1)
-            ideal = undistort_points(at, lens.intrinsics, lens.distortion) if lens.distortion.any() else at
-            far = (ideal - np.array(self.start)) @ np.array(self.normal) - away_px
-            grey = self.grey[0] + (self.grey[1] - self.grey[0]) * ndtr(far / BLUR_PX)
-            total += 0.25 * wp * wq * (grey * (1.0 + grows * far)).reshape(height, width)
-        return total
+            total[near] += 0.25 * wp * wq * self._grey(middle[near] + 0.5 * np.array([p, q]), away_px, grows)
+        return total.reshape(height, width)
+
+    def _far(self, at: FloatArray) -> FloatArray:
+        """Distances of image points from the edge, outwards."""
+        lens = self.lens
+        ideal = undistort_points(at, lens.intrinsics, lens.distortion) if lens.distortion.any() else at
+        return (ideal - np.array(self.start)) @ np.array(self.normal)
+
+    def _grey(self, at: FloatArray, away_px: float, grows: float) -> FloatArray:
+        far = self._far(at) - away_px
+        return (self.grey[0] + (self.grey[1] - self.grey[0]) * ndtr(far / BLUR_PX)) * (1.0 + grows * far)
 
     def measure(
         self, image: Any, ratio: float = 1.0, room_px: float = 9.0, gain: float | None = None, grows: float = 0.0
