@@ -11,7 +11,7 @@ from typing import Any
 import cantools
 import numpy as np
 import pytest
-from conftest import wingbeat
+from conftest import wingbeat, wingbeat_here
 from mcap.reader import make_reader
 from telemetry_run import mavlink_environment
 
@@ -116,7 +116,8 @@ def test_real_pace_sends_the_same_bytes_as_lockstep(tmp_path: Path) -> None:
 
 
 def test_another_seed_sends_other_bytes(small_run: Path, tmp_path: Path) -> None:
-    wingbeat("sil", "small", "--duration", "1", "--seed", "77", "--out", tmp_path / "other")
+    done = wingbeat_here("sil", "small", "--duration", "1", "--seed", "77", "--out", tmp_path / "other")
+    assert done.returncode == 0, done.stderr
     ours = (small_run / "quality.csv").read_text().splitlines()[1:16]
     assert (tmp_path / "other" / "quality.csv").read_text().splitlines()[1:16] != ours
 
@@ -178,7 +179,8 @@ def test_the_mcap_reader_reads_the_recording_and_agrees_with_modes_json(small_ru
 def test_the_papers_own_centres_can_be_chosen_and_are_worse(small_run: Path, tmp_path: Path) -> None:
     tables = tmp_path / "paper.toml"
     tables.write_text('[vision]\nmethod = "paper"\n')
-    wingbeat("sil", "small", "--duration", "2", "--tables", tables, "--out", tmp_path / "paper")
+    done = wingbeat_here("sil", "small", "--duration", "2", "--tables", tables, "--out", tmp_path / "paper")
+    assert done.returncode == 0, done.stderr
     printed = json.loads((tmp_path / "paper" / "summary.json").read_text())["against_truth"]
     fitted = json.loads((small_run / "summary.json").read_text())["against_truth"]
     assert printed["cells"] > 200

@@ -4,11 +4,14 @@ import json
 import math
 import subprocess
 import sys
+from fcntl import LOCK_EX, flock
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 from conftest import wingbeat, wingbeat_here
+from numba.core.caching import IndexDataCacheFile
 from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
@@ -53,6 +56,18 @@ def test_a_cache_that_cannot_be_written_moves_to_the_temporary_folder(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     assert kernels._folder().is_relative_to(tmp_path / "temporary")
+
+
+def test_a_kernel_is_kept_when_no_other_process_keeps_one(tmp_path: Path) -> None:
+    cache = IndexDataCacheFile(str(tmp_path), "kernel", "source")
+    saving = Thread(target=cache.save, args=("signature", b"code"))
+    with (kernels.FOLDER / "lock").open("w") as lock:
+        flock(lock, LOCK_EX)
+        saving.start()
+        saving.join(0.2)
+        assert saving.is_alive() and list(tmp_path.iterdir()) == []
+    saving.join()
+    assert cache.load("signature") == b"code"
 
 
 def test_a_kernel_divides_by_zero_as_numpy_does() -> None:

@@ -90,9 +90,10 @@ def test_a_swing_by_more_than_a_row_between_two_frames_is_bridged_under_the_righ
     before, after = scene(45.0), scene(-25.0)
     moved = np.linalg.norm(after.truth_px(0) - before.truth_px(0), axis=-1)[before.visible(0)]
     assert moved.max() > 1.2 * np.linalg.norm(before.truth_px(0)[:, 3] - before.truth_px(0)[:, 0], axis=-1).min()
-    found = acquire(before.image(0), before.image(1), before.rig, GRID, Prior(before.R, before.t, 25.0, 3.0))
+    left, right = before.image(0), before.image(1)
+    found = acquire(left, right, before.rig, GRID, Prior(before.R, before.t, 25.0, 3.0))
     tracker = Tracker(before.rig, GRID, TrackingOptions())
-    tracker.start(found.rotation, found.translation_mm, before.image(0), before.image(1))
+    tracker.start(found.rotation, found.translation_mm, left, right)
     left, right = after.image(0), after.image(1)
     tracker.measure(left, right)
     tracker.both_found()

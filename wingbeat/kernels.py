@@ -8,11 +8,13 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable
+from fcntl import LOCK_EX, flock
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from numba import config, njit
+from numba.core.caching import IndexDataCacheFile
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -49,6 +51,22 @@ FOLDER = _folder()
 """Where compiled code is kept."""
 
 setattr(config, "CACHE_DIR", str(FOLDER))  # noqa: B010  # numba makes its settings at run time
+
+_save: Callable[..., None] = IndexDataCacheFile.save
+
+
+def _save_alone(file: Any, key: Any, data: Any) -> None:
+    """Keep a kernel while no other process keeps one.
+
+    numba gives the code of each signature of a function the next free number. Two processes that do so at once may give
+    the same one, and the code of one signature would then be called with arrays of the other.
+    """
+    with (FOLDER / "lock").open("w") as lock:
+        flock(lock, LOCK_EX)
+        _save(file, key, data)
+
+
+setattr(IndexDataCacheFile, "save", _save_alone)  # noqa: B010  # as above
 
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 _TICK: dict[str, Any] = {**_OPTIONS, "_nrt": False}  # without numba's run time, which allocates and counts
