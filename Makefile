@@ -14,7 +14,7 @@ ALONE_TESTS := $(shell grep -l "mark.alone" tests/test_*.py)
 
 .PHONY: demo setup test kernels lint check coverage mutation lock clean
 
-demo: $(VENV)/ready
+demo: kernels
 	$(BIN)/wingbeat sil paper
 
 setup: $(VENV)/ready
