@@ -21,7 +21,7 @@ from wingbeat.kernels import FOLDER
 
 FEATURE, IMAGE, OTHERS, SEARCH = "feature", "image", "others", "search"
 PARTS = (FEATURE, IMAGE, OTHERS, SEARCH)
-"""In the order in which they are best begun: feature is nearly half of all, and search calls what feature does, too."""
+"""In the order in which they are best begun: feature takes long, and search calls what feature and others do, too."""
 
 
 def compile_kernels(
