@@ -48,34 +48,43 @@ UNSTEADY = {"time_varying", "not_exponential"}
 
 
 def identify_decay(
-    coordinates: Coordinates, correlation: Correlation, options: Options
+    coordinates: Coordinates, correlation: Correlation, options: Options, surely: bool = False
 ) -> tuple[list[Mode], list[Pole], bool]:
-    """Modes of a free decay, poles for the stabilisation diagram, and whether it is a free decay at all."""
+    """Modes of a free decay, poles for the stabilisation diagram, and whether it is a free decay at all.
+
+    Of a record that is none there are no modes, unless it is surely one by what the caller knows.
+    """
     start = onset(coordinates.time_s, coordinates.signals)
     time_s = coordinates.time_s[start:] - coordinates.time_s[start]
-    decay = find_decay(time_s, coordinates.signals[start:], coordinates.rate_hz, correlation, options)
+    signals = coordinates.signals[start:]
+    decay = find_decay(time_s, signals, coordinates.rate_hz, correlation, options)
     fit = decay.fit
     count = len(fit.poles)
     frequency_hz, damping = frequency_and_damping(fit.poles)
     loss = weighting_loss(len(time_s) - len(fit.triangle), decay.coupled)
+    departures = [departure(time_s, fit, j) for j in range(count)]
+    coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
+    shares = np.array([share for share, _ in departures])
+    falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
+    is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, coherence, shares, falling)
+    if not (is_decay or surely):
+        return [], decay.diagram, False
     around = [beside(time_s, fit, j) for j in range(count)]
     noise = np.array([there.noise for there in around])
     sigmas = at_upper_end(fit, modal_sigmas(fit.poles, fit.information, loss * noise), loss * noise)
-    departures = [departure(time_s, fit, j) for j in range(count)]
     for j, found in enumerate(departures):
         sigmas[j] = widened(sigmas[j], *found, fit.poles[j], time_s)
-    coherence = np.array([fit_coherence(time_s, fit, j) for j in range(count)])
-    agrees = early_part_agrees(time_s, coordinates.signals[start:], fit, options.drift_degree)
     shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
     amplitude = np.max(np.abs(shapes), axis=1, initial=0.0)
     modes = []
-    for j in map(int, np.flatnonzero(coherence > _NO_MODE)):
+    chosen = np.flatnonzero(coherence > _NO_MODE)
+    for j in map(int, chosen):
         flags = _flags(j, time_s, decay, frequency_hz, damping, sigmas, coherence, amplitude, coordinates.rate_hz)
         if varies(*frequency_change(time_s, fit, j, around[j]), float(frequency_hz[j])):
             flags.append("time_varying")
         if amplitude[j] < options.minimum_amplitude:
             flags.append("weak")
-        if not agrees[j] or departs(*departures[j]):
+        if departs(*departures[j]):
             flags.append("not_exponential")
         steady = "time_varying" not in flags
         modes.append(
@@ -93,10 +102,10 @@ def identify_decay(
             )
         )
     modes = doubted(modes)
-    falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
-    signals = coordinates.signals[start:]
-    shares = np.array([share for share, _ in departures])
-    is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, coherence, shares, falling)
+    if not all("not_exponential" in mode.flags for mode in modes):
+        agrees = early_part_agrees(time_s, signals, fit, options.drift_degree)[chosen]
+        pairs = zip(modes, agrees, strict=True)
+        modes = doubted([mode if agree else mode.flagged("not_exponential") for mode, agree in pairs])
     return modes, decay.diagram, is_decay
 
 

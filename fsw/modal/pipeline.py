@@ -30,8 +30,8 @@ FloatArray = NDArray[np.float64]
 _UNSEEN = {"weak", "incoherent", "imprecise"}
 # The noise's covariance between the coordinates is estimated from the record: so many samples for each of them.
 _SAMPLES_OF_A_COORDINATE = 8
-# Longest piece that the spectrum for the report is made of.
-_SPECTRUM_SAMPLES = 4096
+# Longest piece, and most channels, that the spectrum for the report is made of.
+_SPECTRUM_SAMPLES, _SPECTRUM_CHANNELS = 4096, 256
 
 
 def identify(
@@ -79,7 +79,7 @@ def identify(
     decided: Kind = "ambient"
     is_decay = falls = False
     if u is not None:
-        free, _, _ = identify_decay(coordinates, fixed_window, settings)
+        free, _, _ = identify_decay(coordinates, fixed_window, settings, surely=True)
         modes, poles = identify_forced(coordinates, _inputs(u, coordinates), free, settings)
         decided = "decay"
     elif settings.method != "refined":
@@ -87,7 +87,7 @@ def identify(
         decided = "decay" if kind == "decay" else "ambient"
     elif kind == "decay" or may_fall_freely(coordinates, settings):
         correlation = spectral if settings.correlation == "spectral" else fixed_window
-        modes, poles, is_decay = identify_decay(coordinates, correlation, settings)
+        modes, poles, is_decay = identify_decay(coordinates, correlation, settings, surely=kind == "decay")
         falls = is_decay and any(mode.valid for mode in modes)
         sure = falls or (is_decay and not random_may_fall(modes, coordinates))
         decided = "decay" if kind == "decay" or (kind == "auto" and sure) else "ambient"
@@ -156,8 +156,13 @@ def _record_flags(modes: list[Mode], duration_s: float) -> list[str]:
 
 
 def _diagram(coordinates: Coordinates, poles: list[Pole]) -> Diagram:
-    """Stabilisation diagram and root mean square spectrum over the channels, as amplitudes in the channels' unit."""
-    pieces = coordinates.channels[:_SPECTRUM_SAMPLES]
+    """Stabilisation diagram and root mean square spectrum over the channels, as amplitudes in the channels' unit.
+
+    Of many channels some, evenly chosen, must do.
+    """
+    width = coordinates.channels.shape[1]
+    some = np.linspace(0, width - 1, min(width, _SPECTRUM_CHANNELS)).astype(np.int64)
+    pieces = coordinates.channels[:_SPECTRUM_SAMPLES, some]
     frequency_hz, damping = frequency_and_damping(np.array([p.s for p in poles], np.complex128))
     return Diagram(
         order=np.array([p.order for p in poles], np.int64),

@@ -171,19 +171,23 @@ def departure(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
     that is stopped, struck or held inside the record leaves its mark in one stretch, where an average would hide it.
     """
     along = fit.directions[mode]
-    s = complex(fit.poles[mode])
     amplitude = float(np.hypot(*(fit.coefficients[2 * mode : 2 * mode + 2] @ along)))
-    turned = (fit.residual @ along) * np.exp(-1j * s.imag * time_s)
-    length_s = max(2.0 * np.pi / s.imag, float(time_s[-1]) / _STRETCHES)
-    stretch = np.floor((time_s - time_s[0]) / length_s).astype(np.int64)
-    samples = np.bincount(stretch)
-    sums = np.bincount(stretch, turned.real) + 1j * np.bincount(stretch, turned.imag)
-    enough = samples >= _LEAST_IN_STRETCH
-    if amplitude <= 0.0 or not enough.any():
+    left, samples = in_stretches(time_s, (fit.residual @ along)[:, None], float(fit.poles[mode].imag))
+    if amplitude <= 0.0 or len(samples) == 0:
         return 0.0, 0.0
-    left = 2.0 * np.abs(sums[enough]) / samples[enough]
-    worst = int(np.argmax(left))
-    return float(left[worst]) / amplitude, float(left[worst]) * float(np.sqrt(samples[enough][worst])) / 2.0
+    size = np.abs(left[:, 0])
+    worst = int(np.argmax(size))
+    return float(size[worst]) / amplitude, float(size[worst]) * float(np.sqrt(samples[worst])) / 2.0
+
+
+def in_stretches(time_s: FloatArray, signals: FloatArray, omega: float) -> tuple[ComplexArray, NDArray[np.int64]]:
+    """Complex amplitude (k, p) of an oscillation of omega in rad/s in each stretch of signals (T, p), and samples (k,)."""
+    length_s = max(2.0 * np.pi / omega, float(time_s[-1]) / _STRETCHES)
+    begins = np.flatnonzero(np.diff(np.floor((time_s - time_s[0]) / length_s), prepend=-1.0))
+    samples = np.diff(begins, append=len(time_s))
+    sums = np.add.reduceat(signals * np.exp(-1j * omega * time_s)[:, None], begins)
+    enough = samples >= _LEAST_IN_STRETCH
+    return 2.0 * sums[enough] / samples[enough][:, None], samples[enough]
 
 
 def frequency_change(time_s: FloatArray, fit: Fit, mode: int, around: Beside) -> tuple[float, float]:
