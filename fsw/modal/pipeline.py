@@ -31,7 +31,7 @@ _UNSEEN = {"weak", "incoherent", "imprecise"}
 # The noise's covariance between the coordinates is estimated from the record: so many samples for each of them.
 _SAMPLES_OF_A_COORDINATE = 8
 # Longest piece, and most channels, that the spectrum for the report is made of.
-_SPECTRUM_SAMPLES, _SPECTRUM_CHANNELS = 4096, 256
+_SPECTRUM_SAMPLES, _SPECTRUM_CHANNELS = 4096, 128
 
 
 def identify(

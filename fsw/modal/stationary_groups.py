@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fsw.modal.clustering import Candidate
 from fsw.modal.gates import LEAST_FALL_GAIN, LEAST_GAIN, LEAST_LINE_GAIN, LEAST_ORDERS
 from fsw.modal.indicators import shape_assurance
+from fsw.modal.small_matrices import pseudo_inverse
 from fsw.modal.stationary_likelihood import Group, band_of, first_guess, most_likely, without
 from fsw.modal.stationary_model import Band
 from fsw.modal.stationary_peaks import (
@@ -20,6 +21,7 @@ from fsw.modal.stationary_peaks import (
     hidden,
     reach,
     reach_hz,
+    width_hz,
 )
 from fsw.modal.stationary_posterior import Estimate, posterior
 from fsw.modal.uncertainty import au_law
@@ -100,9 +102,13 @@ def _settled(
     frequency_hz = np.array([c.frequency_hz for c in members])
     damping = np.array([c.damping_ratio for c in members])
     shapes = np.stack([real_shape(c.pole.shape) for c in members], axis=1)
+    before = slice(0)
     for _ in range(2):
-        # The band depends on the damping: a second round has the better one.
+        # The band depends on the damping: a second round has the better one, if it is another one.
         low_hz, high_hz, inside = reach(frequency_hz, damping, signals, rate_hz)
+        if inside == before:
+            break
+        before = inside
         basis = _span(spectrum[inside], len(members))
         band = band_of(signals @ basis, rate_hz, low_hz, high_hz, spectrum @ basis)
         if len(band.frequency_hz) < LEAST_COEFFICIENTS:
@@ -126,17 +132,16 @@ def _settled(
         entry
         for old, entry in zip(needed, entries, strict=True)
         if any(
-            _arrives(entry, c, rate_hz / len(signals))
+            _arrives(entry, c, len(signals) / rate_hz)
             for c in [old, *(c for c in dropped if shape_assurance(c.pole.shape, old.pole.shape) > VERY_SHAPE)]
         )
     ]
     return arrived, stay if len(arrived) == len(needed) else known
 
 
-def _arrives(entry: Refined, start: Candidate, resolution_hz: float) -> bool:
+def _arrives(entry: Refined, start: Candidate, duration_s: float) -> bool:
     """Whether a refined mode is where a candidate was, within some of its widths."""
-    width_hz = max(start.damping_ratio, 0.0) * start.frequency_hz + resolution_hz
-    return abs(entry.candidate.frequency_hz - start.frequency_hz) < _FAR * width_hz
+    return abs(entry.candidate.frequency_hz - start.frequency_hz) < _FAR * width_hz(start, duration_s)
 
 
 def _span(X: ComplexArray, most: int) -> FloatArray:
@@ -197,7 +202,7 @@ def _estimate(band: Band, group: Group, mode: int) -> Estimate:
     frequency_hz, rates, _, shapes, _ = group.modes
     q, m = shapes.shape
     if m <= q:
-        weights = np.linalg.pinv(shapes, rcond=_FLAT)[mode]
+        weights = pseudo_inverse(shapes, _FLAT)[mode]
         alone = posterior(band, group.modes, mode, weights / float(weights @ shapes[:, mode]))
         # Alone and in its group a mode has one frequency, to hundredths of sigma. Where the filter lets another mode
         # through, or the band holds a second peak, it has not, and the difference is part of what is not known.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.small_matrices import inverse, tangents
+from fsw.modal.small_matrices import inverse, pseudo_inverse, tangents
 from fsw.modal.stationary_model import Band, Modes, likelihood
 from wingbeat.kernels import kernel
 
@@ -46,7 +46,7 @@ class Group:
     def sigmas(self) -> FloatArray:
         """Standard deviations (m, q + 2) of each mode's unknowns."""
         q, m = self.modes.shapes.shape
-        variance = np.diag(np.linalg.pinv(self.information, rcond=1e-12, hermitian=True))[:-1]
+        variance = np.diagonal(pseudo_inverse(self.information, 1e-12))[:-1]
         return np.sqrt(np.maximum(variance, 0.0)).reshape(m, q + 2)
 
 
@@ -81,9 +81,9 @@ def first_guess(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, sh
     y = band.coefficients.reshape(-1, len(shapes))
     power = y.real**2 + y.imag**2
     total = float(np.sum(power)) / len(band.coefficients) + 1e-300
-    share = np.sum(np.abs(y @ np.linalg.pinv(shapes, rcond=0.05).T) ** 2, axis=0)
+    share = np.sum(np.abs(y @ pseudo_inverse(shapes, 0.05).T) ** 2, axis=0)
     bounded = np.clip(decay_rate, _LEAST_DECAY / band.duration_s, _MOST_DECAY / band.duration_s)
-    noise = float(np.quantile(power, 0.25)) + 1e-9 * total
+    noise = float(np.partition(power, power.size // 4, axis=None)[power.size // 4]) + 1e-9 * total
     return Modes(frequency_hz.copy(), bounded, total * share / share.sum(), np.ascontiguousarray(shapes), noise)
 
 

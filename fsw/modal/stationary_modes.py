@@ -12,9 +12,10 @@ from fsw.modal.coordinates import Coordinates, even_grid
 from fsw.modal.gates import ambient_flags, common_flags
 from fsw.modal.indicators import shape_assurance
 from fsw.modal.result import Mode, Options, normalised
-from fsw.modal.stationary_drift import drift_profile, moves
+from fsw.modal.small_matrices import pseudo_inverse
+from fsw.modal.stationary_drift import CHANGES, drift_profile, moves
 from fsw.modal.stationary_groups import VERY_SHAPE, Refined, real_shape, refined
-from fsw.modal.stationary_peaks import orders_under, overlooked
+from fsw.modal.stationary_peaks import overlooked, seen
 from fsw.modal.stationary_start import begin_with_a_blow, start_gain
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +54,8 @@ def identify_ambient(
     found = [c for c in found if c.frequency_hz * duration_s > 2.0 and _DAMPING[0] < c.damping_ratio < _DAMPING[1]]
     found = _without_doubles(found, duration_s)
     spectrum = np.fft.rfft(np.ascontiguousarray(signals.T)).T
-    found += overlooked(found, diagram, signals, spectrum, rate_hz)
+    poles = seen(diagram, signals.shape[1])
+    found += overlooked(found, poles, signals, spectrum, rate_hz)
     entries = [e for e in refined(found, signals, spectrum, rate_hz) if e.candidate.damping_ratio < _NO_VIBRATION]
     found = [entry.candidate for entry in entries]
     modes, profiles, gains = [], [], []
@@ -63,12 +65,14 @@ def identify_ambient(
         peak = weigh_peak(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio)
         if peak is not None and peak.gain > 0.0:
             split = entry.piece or _overlaps(candidate, found, duration_s)
-            orders = max(candidate.count, orders_under(diagram, candidate, duration_s))
+            orders = max(candidate.count, poles.orders_under(candidate, duration_s))
             modes.append(_mode(entry, peak, orders, split, basis, coordinates, duration_s, options))
             noise = 2.0 * peak.floor / (peak.variance * duration_s)
-            profiles.append(drift_profile(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
+            told = series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise
+            # A weak mode tells nothing of a drift.
+            profiles.append(np.zeros(len(CHANGES)) if "weak" in modes[-1].flags else drift_profile(*told))
             if modes[-1].valid:
-                gains.append(start_gain(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio, noise))
+                gains.append(start_gain(*told))
     if gains and begin_with_a_blow(gains):
         modes = [mode.flagged("not_exponential") if mode.valid else mode for mode in modes]
     modes = _drift_flagged(modes, profiles)
@@ -81,7 +85,7 @@ def _drift_flagged(modes: list[Mode], profiles: list[FloatArray]) -> list[Mode]:
     together = bool(valid) and moves(valid)
     return [
         replace(mode.flagged("time_varying"), damping_ratio=np.nan, damping_ratio_sigma=np.nan)
-        if together or ("weak" not in mode.flags and moves([profile]))
+        if together or moves([profile])
         else mode
         for mode, profile in zip(modes, profiles, strict=True)
     ]
@@ -117,7 +121,7 @@ def modal_filter(candidate: Candidate, found: list[Candidate]) -> FloatArray:
         and c.pole.singular_value > _FRAGMENT * candidate.pole.singular_value
     ]
     shapes = np.stack([real_shape(c.pole.shape) for c in [candidate, *near]], axis=1)
-    weights = np.linalg.pinv(shapes, rcond=0.05)[0]
+    weights = pseudo_inverse(shapes, 0.05)[0]
     return weights / float(weights @ shapes[:, 0])
 
 

@@ -6,7 +6,7 @@ elsewhere under it, too far from each other to make a cluster. That they lie und
 sign of a mode.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from scipy.ndimage import maximum_filter1d
 from fsw.modal.ambient import weigh_peak
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.gates import LEAST_CYCLES, LEAST_GAIN, LEAST_ORDERS, LEAST_RISE
-from fsw.modal.indicators import shape_assurance
 from fsw.modal.stationary_likelihood import half_band_hz
 
 FloatArray = NDArray[np.float64]
@@ -88,8 +87,40 @@ def directions(X: ComplexArray) -> tuple[FloatArray, FloatArray]:
     return power[::-1], axes[:, ::-1]
 
 
+@dataclass(frozen=True)
+class Seen:
+    """Poles of all orders (k,), and what they are looked up by: order, frequency in Hz (k,), unit shapes (k, p)."""
+
+    poles: list[Pole]
+    order: NDArray[np.int64]
+    frequency_hz: FloatArray
+    shapes: ComplexArray
+
+    def under(self, frequency_hz: float, within_hz: float, shape: FloatArray) -> NDArray[np.intp]:
+        """Places of those near a peak of this shape (p,), which has unit length."""
+        near = np.abs(self.frequency_hz - frequency_hz) < within_hz
+        return np.flatnonzero(near & (np.abs(self.shapes @ shape) ** 2 > _ALIKE))
+
+    def orders_under(self, candidate: Candidate, duration_s: float) -> int:
+        """Orders with a pole under a candidate's peak, whether they make a cluster or not."""
+        within_hz = _WIDTHS * width_hz(candidate, duration_s)
+        return len(set(self.order[self.under(candidate.frequency_hz, within_hz, candidate.pole.shape.real)].tolist()))
+
+
+def seen(poles: list[Pole], width: int) -> Seen:
+    """Poles of a stabilisation diagram, in so many coordinates."""
+    shapes = np.array([pole.shape for pole in poles], np.complex128).reshape(len(poles), width)
+    order, hz = np.array([pole.order for pole in poles], np.int64), np.abs([pole.s for pole in poles]) / (2.0 * np.pi)
+    return Seen(poles, order, hz, shapes / np.maximum(np.linalg.norm(shapes, axis=1, keepdims=True), 1e-300))
+
+
+def width_hz(candidate: Candidate, duration_s: float) -> float:
+    """Half the width of a candidate's peak, never below 1 / T."""
+    return max(candidate.damping_ratio, 0.0) * candidate.frequency_hz + 1.0 / duration_s
+
+
 def overlooked(
-    found: list[Candidate], diagram: list[Pole], signals: FloatArray, spectrum: ComplexArray, rate_hz: float
+    found: list[Candidate], diagram: Seen, signals: FloatArray, spectrum: ComplexArray, rate_hz: float
 ) -> list[Candidate]:
     """A candidate for each peak that none of those found is near, but poles of enough orders are.
 
@@ -103,10 +134,12 @@ def overlooked(
     for place in map(int, np.flatnonzero(tall)):
         hz = place / duration_s
         about = slice(max(place - _NEAR, 0), place + _NEAR + 1)
-        if power[place] < _TALL * np.median(power[about]) or any(_covers(c, hz, duration_s) for c in found):
+        if power[place] < _TALL * np.median(power[about]) or any(
+            abs(c.frequency_hz - hz) < _WIDTHS * width_hz(c, duration_s) for c in found
+        ):
             continue
         direction = directions(spectrum[about])[1][:, 0]
-        poles = poles_under(diagram, hz, _WIDTHS / duration_s, direction)
+        poles = [diagram.poles[i] for i in diagram.under(hz, _WIDTHS / duration_s, direction)]
         count = len({pole.order for pole in poles})
         stable = sorted((p for p in poles if p.stable), key=lambda p: (p.damping_ratio, p.order))
         if count < LEAST_ORDERS or not stable:
@@ -117,25 +150,3 @@ def overlooked(
         if peak is not None and peak.gain > LEAST_GAIN and peak.rise > LEAST_RISE:
             candidates.append(Candidate(middle, count, hz, damping))
     return candidates
-
-
-def _covers(candidate: Candidate, hz: float, duration_s: float) -> bool:
-    width_hz = max(candidate.damping_ratio, 0.0) * candidate.frequency_hz + 1.0 / duration_s
-    return abs(candidate.frequency_hz - hz) < _WIDTHS * width_hz
-
-
-def poles_under(diagram: list[Pole], frequency_hz: float, within_hz: float, shape: FloatArray) -> list[Pole]:
-    """Poles of all orders near a peak of this shape (p,)."""
-    its = shape.astype(np.complex128)
-    return [
-        pole
-        for pole in diagram
-        if abs(pole.frequency_hz - frequency_hz) < within_hz and shape_assurance(pole.shape, its) > _ALIKE
-    ]
-
-
-def orders_under(diagram: list[Pole], candidate: Candidate, duration_s: float) -> int:
-    """Orders with a pole under a candidate's peak, whether they make a cluster or not."""
-    width_hz = candidate.damping_ratio * candidate.frequency_hz + 1.0 / duration_s
-    poles = poles_under(diagram, candidate.frequency_hz, _WIDTHS * width_hz, candidate.pole.shape.real)
-    return len({pole.order for pole in poles})
