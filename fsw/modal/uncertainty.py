@@ -181,7 +181,7 @@ def departure(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
 
 
 def in_stretches(time_s: FloatArray, signals: FloatArray, omega: float) -> tuple[ComplexArray, NDArray[np.int64]]:
-    """Complex amplitude (k, p) of an oscillation of omega in rad/s in each stretch of signals (T, p), and samples (k,)."""
+    """Complex amplitude (k, p) of an oscillation in each stretch of signals (T, p), and samples (k,); omega in rad/s."""
     length_s = max(2.0 * np.pi / omega, float(time_s[-1]) / _STRETCHES)
     begins = np.flatnonzero(np.diff(np.floor((time_s - time_s[0]) / length_s), prepend=-1.0))
     samples = np.diff(begins, append=len(time_s))
