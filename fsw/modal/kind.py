@@ -27,9 +27,9 @@ _MANY_CYCLES, _WHOLE, _TORN = 50.0, 0.95, 0.2
 _ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
 _PARTS, _THERE = 3, 0.1
 # A record is looked at before it is fitted: at the frequency of its tallest peak, exponentials in so many coordinates
-# must leave less than this in any one stretch, as a share of the largest amplitude: half as much again as a steady decay
-# may leave there. Noise alone is so many times its mean in the worst stretch in 1 case of 10 000. Of fewer cycles than
-# this, what is slow may be the tallest.
+# must leave less than this in any one stretch, as a share of the largest amplitude: half as much again as a steady
+# decay may leave there. Noise alone is so many times its mean in the worst stretch in 1 case of 10 000. Of fewer cycles
+# than this, what is slow may be the tallest.
 _GLANCE, _PLAINLY_RANDOM, _BY_CHANCE, _FEW_CYCLES = 4, 1.5 * LARGEST_DEPARTURE, 5.0, 5
 
 

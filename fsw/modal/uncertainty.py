@@ -181,13 +181,16 @@ def departure(time_s: FloatArray, fit: Fit, mode: int) -> tuple[float, float]:
 
 
 def in_stretches(time_s: FloatArray, signals: FloatArray, omega: float) -> tuple[ComplexArray, NDArray[np.int64]]:
-    """Complex amplitude (k, p) of an oscillation in each stretch of signals (T, p), and samples (k,); omega in rad/s."""
+    """Complex amplitude (k, p) of an oscillation in each stretch of signals (T, p), and its samples (k,).
+
+    omega: its circular frequency in rad/s.
+    """
     length_s = max(2.0 * np.pi / omega, float(time_s[-1]) / _STRETCHES)
     begins = np.flatnonzero(np.diff(np.floor((time_s - time_s[0]) / length_s), prepend=-1.0))
-    samples = np.diff(begins, append=len(time_s))
+    samples = np.diff(begins, append=len(time_s)).astype(np.int64)
     sums = np.add.reduceat(signals * np.exp(-1j * omega * time_s)[:, None], begins)
     enough = samples >= _LEAST_IN_STRETCH
-    return 2.0 * sums[enough] / samples[enough][:, None], samples[enough]
+    return np.asarray(2.0 * sums[enough] / samples[enough][:, None], np.complex128), samples[enough]
 
 
 def frequency_change(time_s: FloatArray, fit: Fit, mode: int, around: Beside) -> tuple[float, float]:

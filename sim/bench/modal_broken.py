@@ -68,10 +68,13 @@ def broken(kind: str, motion: str, seed: int) -> Broken:
     return Broken(np.arange(count) / rate_hz, y, np.array(list(modes.values())), place / rate_hz)
 
 
-def misleads(record: Broken, found: ModalResult) -> bool:
-    """Whether a valid mode's frequency or damping is off by far more than its interval says."""
+def misleads(frequency_hz: FloatArray, found: ModalResult) -> bool:
+    """Whether a valid mode's frequency or damping is off by far more than its interval says.
+
+    frequency_hz (m,): those of the true modes.
+    """
     for mode in found.valid_modes:
-        hz = record.frequency_hz[np.argmin(np.abs(record.frequency_hz - mode.frequency_hz))]
+        hz = frequency_hz[np.argmin(np.abs(frequency_hz - mode.frequency_hz))]
         off, truth = np.abs([mode.frequency_hz - hz, mode.damping_ratio - DAMPING]), np.array([hz, DAMPING])
         sigmas = np.array([mode.frequency_sigma_hz, mode.damping_ratio_sigma])
         if np.any(off > np.maximum(MISLEADING_SIGMAS * sigmas, MISLEADING_SHARE * truth)):

@@ -130,13 +130,23 @@ def published(case: str, seed: int, stamps: Callable[[FloatArray], FloatArray] =
 
 
 def stationary(
-    modes: dict[str, float], duration_s: float, rate_hz: float, points: tuple[int, int], noise_mm: float, seed: int
+    modes: dict[str, float],
+    duration_s: float,
+    rate_hz: float,
+    points: tuple[int, int],
+    noise_mm: float,
+    seed: int,
+    axes: slice = slice(2, 3),
 ) -> tuple[FloatArray, FloatArray]:
-    """Displacements (T, points) of modes driven by white force, rms a fifth of the amplitudes; exactly discretised."""
+    """Displacements (T, M) of modes driven by white force, rms a fifth of the amplitudes; exactly discretised.
+
+    axes: of x, y, z; M points of one axis after those of the other.
+    """
     rng = np.random.default_rng(seed)
     form = shapes(*grid(*points))
+    shape = {name: np.concatenate(form[name][axes]) for name in modes}
     count = round(duration_s * rate_hz)
-    y = noise_mm * rng.standard_normal((count, points[0] * points[1]))
+    y = noise_mm * rng.standard_normal((count, len(next(iter(shape.values())))))
     for name, f in modes.items():
         w = 2.0 * np.pi * f
         A = np.array([[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]])
@@ -147,7 +157,7 @@ def stationary(
         settled = scipy.linalg.solve_discrete_lyapunov(step, drive @ drive.T)
         pushes = np.vstack([np.linalg.cholesky(settled) @ rng.standard_normal(2), _pushes(rng, count - 1, drive)])
         q = _response(step, pushes)
-        y += np.outer(q * AMPLITUDE_MM[name] / 5.0 / np.sqrt(settled[0, 0]), form[name][2])
+        y += np.outer(q * AMPLITUDE_MM[name] / 5.0 / np.sqrt(settled[0, 0]), shape[name])
     return np.arange(count) / rate_hz, y
 
 

@@ -105,7 +105,7 @@ def _broken(kind: str, motion: str, seeds: Sequence[int]) -> Row:
         record = broken(kind, motion, seed)
         found = identify(record.time_s, record.y)
         cut += "cut_at_break" in found.flags
-        misleading += misleads(record, found)
+        misleading += misleads(record.frequency_hz, found)
         whole += len(found.valid_modes) == len(record.frequency_hz)
     return {
         "table": "robust",
