@@ -26,22 +26,26 @@ _LEFT_OVER = 0.1
 _MANY_CYCLES, _WHOLE, _TORN = 50.0, 0.95, 0.2
 _ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
 _PARTS, _THERE = 3, 0.1
-# A record is looked at before it is fitted: at the frequency of its tallest peak, exponentials in so many coordinates
-# must leave less than this in any one stretch, as a share of the largest amplitude: half as much again as a steady
-# decay may leave there. Noise alone is so many times its mean in the worst stretch in 1 case of 10 000. Of fewer cycles
-# than this, what is slow may be the tallest.
-_GLANCE, _PLAINLY_RANDOM, _BY_CHANCE, _FEW_CYCLES = 4, 1.5 * LARGEST_DEPARTURE, 5.0, 5
+# A record is looked at before it is fitted: at the frequency of a tall peak, exponentials in so many coordinates must
+# leave less than this in any one stretch, as a share of the largest amplitude: half as much again as a steady decay may
+# leave there. Noise alone is so many times its mean in the worst stretch in 1 case of 10 000. Of fewer cycles than
+# this, what is slow may be the tallest, and two peaks are as many apart. A gap of more of a period than this is bridged
+# too badly for it. Drift that walks at random is so much stronger at half a frequency; exponentials take some of it.
+_GLANCE, _PLAINLY_RANDOM, _BY_CHANCE, _FEW_CYCLES, _BRIDGED, _RED = 4, 1.5 * LARGEST_DEPARTURE, 5.0, 5, 0.25, 1.25
 
 
 def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
-    """Whether a record is worth fitting as a free decay; False only of one whose tallest peak is plainly random."""
+    """Whether a record is worth fitting as a free decay; False only of one whose two tallest peaks are plainly random.
+
+    One alone may be a lamp's, and what drifts says nothing of a mode.
+    """
     rate_hz, start = coordinates.rate_hz, onset(coordinates.time_s, coordinates.signals)
     even = even_grid(coordinates.time_s[start:], coordinates.signals[start:], rate_hz)
     power = _spectrum(even - even.mean(axis=0))
     cycles = int(np.argmax(power.sum(axis=1)))
-    if cycles < _FEW_CYCLES:
-        return True
     hz = cycles * rate_hz / len(even)
+    if cycles < _FEW_CYCLES or float(np.max(np.diff(coordinates.time_s))) * hz > _BRIDGED:
+        return True
     loud = np.argsort(-power[cycles], kind="stable")[:_GLANCE]
     level = next(level for level in octaves(even[:, loud], rate_hz) if level.band_hz[0] <= hz)
     rows = min(options.block_rows, len(level.signals) // 4)
@@ -50,9 +54,32 @@ def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     s = np.minimum(s.real, 0.0) + 1j * s.imag
     time_s = np.arange(len(level.signals)) / level.rate_hz
     left = project(time_s, level.signals, s, options.drift_degree).residual
-    noise = float(np.sum(np.median(_spectrum(left), axis=0))) / (np.log(2.0) * len(left))
     still = level.signals - level.signals.mean(axis=0)
-    (before, _), (after, samples) = (in_stretches(time_s, y, 2.0 * np.pi * hz) for y in (still, left))
+    peaks = (hz, _second_hz(still, hz, level.rate_hz))
+    return _drifts(time_s, left, hz) or any(_falls(time_s, still, left, f) for f in peaks if f is not None)
+
+
+def _drifts(time_s: FloatArray, left: FloatArray, hz: float) -> bool:
+    """Whether what exponentials leave (T, p) is drift: stronger at half a frequency than at it."""
+    slow, own = (np.abs(in_stretches(time_s, left, 2.0 * np.pi * f)[0]) ** 2 for f in (0.5 * hz, hz))
+    return own.size > 0 and float(np.mean(slow)) > _RED * float(np.mean(own))
+
+
+def _second_hz(signals: FloatArray, hz: float, rate_hz: float) -> float | None:
+    """Frequency of the tallest peak well apart from a taller one at hz, if it stands out of the noise."""
+    duration_s = len(signals) / rate_hz
+    power = _spectrum(signals * np.hanning(len(signals))[:, None]).sum(axis=1)
+    cycles = np.arange(len(power))
+    apart = max(float(_FEW_CYCLES), _ELSEWHERE * hz * duration_s)
+    power[(np.abs(cycles - hz * duration_s) <= apart) | (cycles < _FEW_CYCLES)] = 0.0
+    place = int(np.argmax(power))
+    return place / duration_s if power[place] > _HIGH * float(np.median(power)) else None
+
+
+def _falls(time_s: FloatArray, signals: FloatArray, left: FloatArray, hz: float) -> bool:
+    """Whether exponentials leave little of signals (T, p) at a frequency, in any stretch; left (T, p)."""
+    noise = float(np.sum(np.median(_spectrum(left), axis=0))) / (np.log(2.0) * len(left))
+    (before, _), (after, samples) = (in_stretches(time_s, y, 2.0 * np.pi * hz) for y in (signals, left))
     largest = float(np.max(np.sum(np.abs(before) ** 2, axis=1), initial=0.0))
     beyond = np.sum(np.abs(after) ** 2, axis=1) - _BY_CHANCE * 4.0 * noise / samples
     return float(np.max(beyond, initial=0.0)) <= _PLAINLY_RANDOM**2 * largest
