@@ -1,6 +1,5 @@
 """A free decay: subspace candidates, maximum likelihood refinement, and a second look at what is left over."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -40,22 +39,8 @@ _SPLIT = 2.0
 _SAME_SHAPE = 0.9
 
 
-@dataclass(frozen=True)
-class Decay:
-    """A fitted decay in whitened coordinates, with each mode's amplitude coherence and singular value.
-
-    coupled: coordinates whose noise is weighed together.
-    """
-
-    fit: Fit
-    coupled: int
-    coherence: FloatArray
-    singular_value: FloatArray
-    diagram: list[Pole]
-
-
 class Settled(NamedTuple):
-    """A fit, its modes as they were found, and how many coordinates its whitening couples."""
+    """A fit in whitened coordinates, its modes as they were found, and how many coordinates its whitening couples."""
 
     fit: Fit
     known: list[Candidate]
@@ -64,8 +49,8 @@ class Settled(NamedTuple):
 
 def find_decay(
     time_s: FloatArray, signals: FloatArray, rate_hz: float, correlation: Correlation, options: Options
-) -> Decay:
-    """Damped sinusoids that the likelihood asks for, refined together.
+) -> tuple[Settled, list[Pole]]:
+    """Damped sinusoids that the likelihood asks for, refined together, and poles for the stabilisation diagram.
 
     time_s (T,) true stamps from 0, signals (T, p). The noise's covariance between the coordinates is
     estimated on the way.
@@ -90,13 +75,7 @@ def find_decay(
         settled = _settle(time_s, signals, settled, fresh)
         if len(settled.known) <= len(known):
             break
-    return Decay(
-        settled.fit,
-        settled.coupled,
-        np.array([c.pole.coherence for c in settled.known]),
-        np.array([c.pole.singular_value for c in settled.known]),
-        diagram,
-    )
+    return settled, diagram
 
 
 def _loud(signals: FloatArray) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ from fsw.modal.candidates import Correlation
 from fsw.modal.channels import Channels, transposed_times
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates
-from fsw.modal.decay import Decay, find_decay, onset
+from fsw.modal.decay import Settled, find_decay, onset
 from fsw.modal.gates import (
     EARLY_CYCLES,
     EARLY_SAMPLES,
@@ -57,7 +57,7 @@ def identify_decay(
     start = onset(coordinates.time_s, coordinates.signals)
     time_s = coordinates.time_s[start:] - coordinates.time_s[start]
     signals = coordinates.signals[start:]
-    decay = find_decay(time_s, signals, coordinates.rate_hz, correlation, options)
+    decay, diagram = find_decay(time_s, signals, coordinates.rate_hz, correlation, options)
     fit = decay.fit
     count = len(fit.poles)
     frequency_hz, damping = frequency_and_damping(fit.poles)
@@ -68,7 +68,7 @@ def identify_decay(
     falling = np.array([total_decay(s, time_s) > LEAST_DECAY for s in fit.poles], np.bool_)
     is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, coherence, shares, falling)
     if not (is_decay or surely):
-        return [], decay.diagram, False
+        return [], diagram, False
     around = [beside(time_s, fit, j) for j in range(count)]
     noise = np.array([there.noise for there in around])
     sigmas = at_upper_end(fit, modal_sigmas(fit.poles, fit.information, loss * noise), loss * noise)
@@ -94,8 +94,8 @@ def identify_decay(
                 damping_ratio=float(damping[j]) if steady else np.nan,
                 damping_ratio_sigma=float(sigmas[j, 1]) if steady else np.nan,
                 amplitude=float(amplitude[j]),
-                amplitude_coherence=float(decay.coherence[j]),
-                singular_value=float(decay.singular_value[j]),
+                amplitude_coherence=decay.known[j].pole.coherence,
+                singular_value=decay.known[j].pole.singular_value,
                 shape=normalised(shapes[j], coordinates.live),
                 valid=not flags,
                 flags=sorted(set(flags)),
@@ -106,7 +106,7 @@ def identify_decay(
         agrees = early_part_agrees(time_s, signals, fit, options.drift_degree)[chosen]
         pairs = zip(modes, agrees, strict=True)
         modes = doubted([mode if agree else mode.flagged("not_exponential") for mode, agree in pairs])
-    return modes, decay.diagram, is_decay
+    return modes, diagram, is_decay
 
 
 def doubted(modes: list[Mode]) -> list[Mode]:
@@ -162,7 +162,7 @@ def total_decay(s: complex, time_s: FloatArray) -> float:
 def _flags(
     j: int,
     time_s: FloatArray,
-    decay: Decay,
+    decay: Settled,
     frequency_hz: FloatArray,
     damping: FloatArray,
     sigmas: FloatArray,
@@ -172,7 +172,7 @@ def _flags(
 ) -> list[str]:
     duration_s = float(time_s[-1])
     f, zeta = float(frequency_hz[j]), float(damping[j])
-    flags = common_flags(f, float(sigmas[j, 0]), zeta, float(decay.coherence[j]), rate_hz, duration_s)
+    flags = common_flags(f, float(sigmas[j, 0]), zeta, decay.known[j].pole.coherence, rate_hz, duration_s)
     flags += decay_flags(zeta, sigmas[j], f, duration_s, float(coherence[j]))
     flags += weak_flags(j, list(frequency_hz), list(sigmas[:, 0]), list(amplitude))
     return flags
