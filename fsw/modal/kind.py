@@ -55,8 +55,10 @@ def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     time_s = np.arange(len(level.signals)) / level.rate_hz
     left = project(time_s, level.signals, s, options.drift_degree).residual
     still = level.signals - level.signals.mean(axis=0)
-    peaks = (hz, _second_hz(still, hz, level.rate_hz))
-    return _drifts(time_s, left, hz) or any(_falls(time_s, still, left, f) for f in peaks if f is not None)
+    if _falls(time_s, still, left, hz) or _drifts(time_s, left, hz):
+        return True
+    second_hz = _second_hz(still, hz, level.rate_hz)
+    return second_hz is not None and _falls(time_s, still, left, second_hz)
 
 
 def _drifts(time_s: FloatArray, left: FloatArray, hz: float) -> bool:
