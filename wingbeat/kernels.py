@@ -19,7 +19,7 @@ from numba.core.caching import IndexDataCacheFile
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PACKAGES = ("fsw", "sim")  # where kernels are
+PACKAGES = ("fsw", "sim", "wingbeat")  # where kernels are, and how they are compiled
 
 
 def _digest() -> str:
