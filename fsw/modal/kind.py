@@ -26,12 +26,18 @@ _LEFT_OVER = 0.1
 _MANY_CYCLES, _WHOLE, _TORN = 50.0, 0.95, 0.2
 _ELSEWHERE, _HIGH, _AS_IT_WAS = 0.1, 30.0, 0.5
 _PARTS, _THERE = 3, 0.1
-# A record is looked at before it is fitted: at the frequency of a tall peak, exponentials in so many coordinates must
-# leave less than this in any one stretch, as a share of the largest amplitude: half as much again as a steady decay may
-# leave there. Noise alone is so many times its mean in the worst stretch in 1 case of 10 000. Of fewer cycles than
-# this, what is slow may be the tallest, and two peaks are as many apart. A gap of more of a period than this is bridged
-# too badly for it. Drift that walks at random is so much stronger at half a frequency; exponentials take some of it.
-_GLANCE, _PLAINLY_RANDOM, _BY_CHANCE, _FEW_CYCLES, _BRIDGED, _RED = 4, 1.5 * LARGEST_DEPARTURE, 5.0, 5, 0.25, 1.25
+# A record is looked at before it is fitted, in so many coordinates: in none of its stretches must exponentials leave
+# more than this share of the largest amplitude at the frequency of a tall peak, half as much again as a steady decay
+# may leave there.
+_GLANCE, _PLAINLY_RANDOM = 4, 1.5 * LARGEST_DEPARTURE
+# Noise alone is so many times its mean in the worst stretch in 1 case of 10 000.
+_BY_CHANCE = 5.0
+# Of fewer cycles than this, what is slow may be the tallest; two peaks are as many apart.
+_FEW_CYCLES = 5
+# A gap of more of a period than this is bridged too badly for a look.
+_BRIDGED = 0.25
+# Drift that walks at random is so much stronger at half a frequency; exponentials take some of it.
+_RED = 1.25
 
 
 def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
@@ -55,10 +61,11 @@ def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     time_s = np.arange(len(level.signals)) / level.rate_hz
     left = project(time_s, level.signals, s, options.drift_degree).residual
     still = level.signals - level.signals.mean(axis=0)
-    if _falls(time_s, still, left, hz) or _drifts(time_s, left, hz):
+    noise = float(np.sum(np.median(_spectrum(left), axis=0))) / (np.log(2.0) * len(left))
+    if _falls(time_s, still, left, noise, hz) or _drifts(time_s, left, hz):
         return True
     second_hz = _second_hz(still, hz, level.rate_hz)
-    return second_hz is not None and _falls(time_s, still, left, second_hz)
+    return second_hz is not None and _falls(time_s, still, left, noise, second_hz)
 
 
 def _drifts(time_s: FloatArray, left: FloatArray, hz: float) -> bool:
@@ -78,9 +85,11 @@ def _second_hz(signals: FloatArray, hz: float, rate_hz: float) -> float | None:
     return place / duration_s if power[place] > _HIGH * float(np.median(power)) else None
 
 
-def _falls(time_s: FloatArray, signals: FloatArray, left: FloatArray, hz: float) -> bool:
-    """Whether exponentials leave little of signals (T, p) at a frequency, in any stretch; left (T, p)."""
-    noise = float(np.sum(np.median(_spectrum(left), axis=0))) / (np.log(2.0) * len(left))
+def _falls(time_s: FloatArray, signals: FloatArray, left: FloatArray, noise: float, hz: float) -> bool:
+    """Whether exponentials leave little of signals (T, p) at a frequency, in any stretch.
+
+    left (T, p): what they leave; noise: variance of what is noise in it, over all coordinates.
+    """
     (before, _), (after, samples) = (in_stretches(time_s, y, 2.0 * np.pi * hz) for y in (signals, left))
     largest = float(np.max(np.sum(np.abs(before) ** 2, axis=1), initial=0.0))
     beyond = np.sum(np.abs(after) ** 2, axis=1) - _BY_CHANCE * 4.0 * noise / samples

@@ -20,6 +20,7 @@ from fsw.modal.paper import identify_as_paper
 from fsw.modal.pieces import telling_piece
 from fsw.modal.realisation import frequency_and_damping
 from fsw.modal.result import Diagram, Kind, ModalResult, Mode, Options, Record
+from fsw.modal.stationary_force import is_steady
 from fsw.modal.stationary_modes import identify_ambient
 from fsw.modal.subspace import Subspace
 from wingbeat.errors import InputError
@@ -43,17 +44,19 @@ def identify(
     overwrite: bool = False,
     known: Subspace | None = None,
     whole: bool = False,
+    after_break: bool = False,
 ) -> ModalResult:
     """Modes of a record of vibration, each with its interval, its indicators and whether to believe it.
 
-    time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free
-    decay, the stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were
-    measured, such as wheel torque; the modes are then those of the plant alone. whole: the record does not break, or
-    its breaks were found by what was known before. Else, and without u, a record that breaks is cut: the modes, its
-    extent and the flag cut_at_break are those of the piece that tells most. overwrite: y (contiguous) may be used up,
-    which saves memory; what may be cut is kept. y in single precision stays so. known: what an identification of a
-    record that overlaps with this one gave, which saves time. Deterministic. Raises InputError for arrays that do not
-    fit.
+    time_s (T,) in s, increasing, gaps and jitter allowed; y (T, M) in any unit, NaN = missing. kind: a free decay, the
+    stationary response to unknown noise, or decided from the data. u (T, inputs): inputs that were measured, such as
+    wheel torque; the modes are then those of the plant alone. whole: the record does not break, or its breaks were
+    found by what was known before. Else, and without u, a record that breaks is cut: the modes, its extent and the flag
+    cut_at_break are those of the piece that tells most. after_break: the motion broke where the record begins, or
+    before; what shook the wing then may shake it still, so a stationary response is believed only if its force is
+    steady noise. overwrite: y (contiguous) may be used up, which saves memory; what may be cut is kept. y in single
+    precision stays so. known: what an identification of a record that overlaps with this one gave, which saves time.
+    Deterministic. Raises InputError for arrays that do not fit.
     Source: section 5 of the paper (Eq. 31-41), refined by maximum likelihood.
     """
     settings = options or Options()
@@ -65,7 +68,7 @@ def identify(
     if piece is not None:
         first = int(np.argmax(coordinates.kept))
         begin, end = np.searchsorted(time_s, time_s[first] + piece)
-        cut = identify(time_s[begin:end], y[begin:end], kind, settings)
+        cut = identify(time_s[begin:end], y[begin:end], kind, settings, after_break=after_break or bool(begin > first))
         begin_s = float(time_s[begin] - time_s[0]) + cut.record.begin_s
         return replace(cut, flags=sorted({*cut.flags, "cut_at_break"}), record=replace(cut.record, begin_s=begin_s))
     count = len(coordinates.time_s)
@@ -98,7 +101,9 @@ def identify(
             decided = "decay"  # of which the one is no better than the other
         else:
             modes, poles = driven, of_driven
-        if falls:  # whatever the caller said, for a stationary response does not
+        # Whatever the caller said, a stationary response does not fall; and what the blows of a loose panel feign is
+        # another frequency each time.
+        if falls or (after_break and decided == "ambient" and not is_steady(coordinates)):
             modes = [mode.flagged("not_exponential") for mode in modes]
     modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)

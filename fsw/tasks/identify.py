@@ -138,7 +138,17 @@ class Identify:
         # A record that has nothing in common with the one before begins by itself.
         overlaps = not start and time_ns[0] <= self._delivered_ns
         known = self._subspace.of(channels) if self._subspace is not None and overlaps else None
-        result = identify(time_s, y, self._table.kind, self._options, overwrite=True, whole=True, known=known)
+        broke = self._since_ns != LONG_AGO_NS
+        result = identify(
+            time_s,
+            y,
+            self._table.kind,
+            self._options,
+            overwrite=True,
+            known=known,
+            whole=True,
+            after_break=broke,
+        )
         self._next_subspace = result.subspace.among(channels) if result.subspace is not None else None
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
 
