@@ -36,6 +36,7 @@ from fsw.tasks.publish import Publish
 from fsw.tasks.search import Search
 from fsw.tasks.state import Pair, State
 from fsw.vision.tracking import Tracker, TrackingOptions
+from hal.frame import make_frames
 from telemetry.dictionary import RESTARTS
 from telemetry.events import RESTARTED, RESTARTS_SPENT, STARTED, STOPPED, RestartCause, TableNumber
 from wingbeat.errors import InputError
@@ -65,7 +66,7 @@ class App:
         rig, grid, prior = make_rig(tables.cameras), make_wing_grid(tables.wing), make_prior(tables.wing)
         flight, settings = tables.flight, tables.flight.executive
         self.tables = TableBank(flight, self._refusal)
-        blank = [np.zeros((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
+        blank = [make_frames((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
         self.pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
         self.state = State(
             Tracker(rig, grid, TrackingOptions()),

@@ -49,5 +49,8 @@ class Camera(Protocol):
         ...
 
     def grab(self, out: NDArray[Any]) -> FrameStamp:
-        """Fill out (height, width) with the next trigger's image; out means nothing if status is not OK."""
+        """Fill out (height, width) with the next trigger's image; out means nothing if status is not OK.
+
+        Rows of out are farther apart than they are long: see `make_frames`.
+        """
         ...

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hal.camera import FrameStamp, FrameStatus
 from hal.clock import Clock
 from hal.drivers.realtime_clock import RealtimeClock, thread_cpu_ns, wall_ns
+from hal.frame import make_frames
 from hal.trigger import Edge
 from sim.world import World
 from wingbeat.console import track
@@ -91,7 +92,7 @@ class SimulatedCamera:
         self._frame = -1
         self._last_tick = -1
         self._images = self._draw_all() if prerender else None
-        self._buffer = np.zeros((self.height, self.width), self.dtype)
+        self._buffer = make_frames((self.height, self.width), self.dtype)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"eye{eye}")
         self._ahead: tuple[int, Future[None]] | None = None
         if not prerender:
@@ -133,7 +134,7 @@ class SimulatedCamera:
                 "images drawn beforehand",
                 f"at most {PRERENDER_LIMIT_BYTES / 1e9:g} GB are allowed: shorten the run or use lockstep",
             )
-        images = np.empty((ticks, self.height, self.width), self.dtype)
+        images = make_frames((ticks, self.height, self.width), self.dtype)
         for tick in track(range(ticks), f"drawing {('left', 'right')[self._eye]} images", ticks):
             self._world.render(tick, self._eye, images[tick])
         return images

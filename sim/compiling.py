@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from fsw.app import App
+from hal.frame import make_frames
 from sim.campaign import one_thread_each
 from sim.campaign_stage import FlightStage
 from wingbeat.console import progress
@@ -47,7 +47,7 @@ def compile_part(part: str) -> None:
         stage = FlightStage(1, 0, Path(folder), whole=True)
         if part == IMAGE:
             world = stage.world
-            world.render(0, 0, 0, np.zeros((world.height, world.width), world.dtype))
+            world.render(0, 0, 0, make_frames((world.height, world.width), world.dtype))
             return
         app = App(stage.tables, stage.drivers)
         try:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fsw.app import App
 from fsw.executive.entry import Entry, FrameTask, LongTask
 from hal.camera import Camera, FrameStamp
+from hal.frame import make_frames
 from sim.edges import Exposure, MissionClock
 from sim.lines import ControllerBus
 from sim.stores import EventStore, FillingStore, SteadyLog
@@ -123,7 +124,7 @@ class FaultyEyes:
 
     def _blank(self) -> Shots:
         left, right = (
-            Shot(np.zeros((camera.height, camera.width), camera.dtype), FrameStamp(-1, -1, 0, 0, eye))
+            Shot(make_frames((camera.height, camera.width), camera.dtype), FrameStamp(-1, -1, 0, 0, eye))
             for eye, camera in enumerate(self.cameras)
         )
         return left, right

@@ -16,6 +16,7 @@ from fsw.tables.flight import FlightTable, load_flight
 from fsw.tasks.publish import Outlets
 from hal.camera import FrameStamp, FrameStatus
 from hal.drivers.lockstep_clock import LockstepClock
+from hal.frame import make_frames
 from hal.store import Store
 from hal.trigger import Edge
 from sim.flight_files import flight_files
@@ -39,7 +40,7 @@ class Footage:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.world = scenario, World(scenario)
         count, eye = len(self.world.times_ns), self.world.eyes[0]
-        self.images = np.zeros((2, count, eye.height, eye.width), self.world.dtype)
+        self.images = make_frames((2, count, eye.height, eye.width), self.world.dtype)
         for i in range(count):
             for k in (0, 1):
                 self.world.render(i, k, self.images[k, i])

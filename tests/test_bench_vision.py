@@ -9,6 +9,7 @@ from scipy.special import ndtr
 from typer.testing import CliRunner
 
 from fsw.vision.stereo import make_points
+from hal.frame import make_frames
 from sim.bench.vision import TABLES, cases
 from sim.bench.vision_disturbed import DISTURBANCES, clear_world, light_of, pixels_of
 from sim.bench.vision_floor import floor_covariance_mm2, offset_information, shown_length
@@ -218,7 +219,7 @@ def test_noise_is_shot_and_read_noise() -> None:
 def test_pixels_of_clear_light_are_those_of_the_world_up_to_noise() -> None:
     scenario = bench_scenario(4, 2)
     world, clear = World(scenario, 3), clear_world(scenario, 3)
-    image = np.empty((750, 1024), np.uint8)
+    image = make_frames((750, 1024), np.uint8)
     world.render(0, 0, image)
     again = pixels_of(light_of(clear, 0, 0), scenario, 1.0, (3, 0, 0))
     difference = again.astype(float) - image

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fsw.vision import frames
 from fsw.vision.frames import KNOWN_FRAMES, STAGGER, FrameCheck, Unfit, is_full_scale
+from hal.frame import make_frames
 from sim.world import World
 
 SHAPE = (320, 480)
@@ -162,7 +163,8 @@ def test_the_simulated_wing_is_always_fit(quantum: int, still: bool) -> None:
     rest = [type(e)(e.mode, 0.0, e.damping_ratio, e.kind, e.phase_deg) for e in scenario.excitation]
     world = World(small(count / 15.0, excitation=rest) if still else scenario)
     eye = world.eyes[0]
-    checked, image = check(world.dtype, (eye.height, eye.width)), np.zeros((eye.height, eye.width), world.dtype)
+    shape = eye.height, eye.width
+    checked, image = check(world.dtype, shape), make_frames(shape, world.dtype)
     for tick in range(count):
         world.render(tick, 0, image)
         assert checked.look(image // quantum * quantum) is Unfit.FIT, tick

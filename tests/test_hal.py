@@ -6,14 +6,28 @@ import time
 from pathlib import Path
 
 import can
+import numpy as np
 import pytest
 
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.pymavlink_link import PymavlinkLink
 from hal.drivers.python_can import PythonCanBus
 from hal.drivers.realtime_clock import RealtimeClock
+from hal.frame import LINE, as_frame, make_frames
 from hal.store import FileStore
 from wingbeat.errors import InputError
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("width", [1, 63, 64, 640, 1000, 2048, 4096, 4160])
+def test_rows_of_frames_fall_into_all_sets_of_the_cache(width: int, dtype: type) -> None:
+    frames = make_frames((2, 200, width), dtype)
+    assert frames.shape == (2, 200, width) and not frames.any()
+    pitch = frames.strides[1]
+    assert width * frames.itemsize < pitch <= width * frames.itemsize + 2 * LINE
+    assert len({row * pitch // LINE % 64 for row in range(64)}) == 64
+    image = np.random.default_rng(1).integers(0, 255, (200, width)).astype(dtype)
+    assert (as_frame(image) == image).all() and as_frame(image).strides == frames.strides[1:]
 
 
 def test_lockstep_time_goes_where_it_is_sent_and_never_back() -> None:

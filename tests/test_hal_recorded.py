@@ -11,6 +11,7 @@ from hal.camera import FrameStatus
 from hal.drivers.image_files import find_images
 from hal.drivers.lockstep_clock import LockstepClock
 from hal.drivers.recorded import RecordedCamera, RecordedTrigger, Recording, open_recording
+from hal.frame import make_frames
 from wingbeat.errors import InputError
 
 WIDTH, HEIGHT, FRAMES = 24, 16, 5
@@ -39,7 +40,7 @@ def play(recording: Recording) -> list[tuple[int, int, list[int], list[int]]]:
     cameras = [RecordedCamera(recording, eye) for eye in (0, 1)]
     clock = LockstepClock()
     trigger = RecordedTrigger(recording, clock)
-    buffers = [np.zeros((camera.height, camera.width), camera.dtype) for camera in cameras]
+    buffers = [make_frames((camera.height, camera.width), camera.dtype) for camera in cameras]
     ticks = []
     while (edge := trigger.wait()) is not None:
         assert clock.now_ns() == edge.time_ns
@@ -220,6 +221,6 @@ def test_images_sort_by_name_and_absolute_patterns_work(tmp_path: Path) -> None:
 
 def test_grabbing_beyond_the_end_is_a_missing_frame(images: tuple[list[Path], list[Path]]) -> None:
     camera = RecordedCamera(open_recording(*images, SIZES, 15.0), 0)
-    buffer = np.zeros((HEIGHT, WIDTH), np.uint8)
+    buffer = make_frames((HEIGHT, WIDTH), np.uint8)
     stamps = [camera.grab(buffer) for _ in range(FRAMES + 2)]
     assert [stamp.status for stamp in stamps[-3:]] == [FrameStatus.OK] + [FrameStatus.MISSING] * 2

@@ -12,6 +12,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
 from hal.drivers.lockstep_clock import LockstepClock
+from hal.frame import make_frames
 from sim.cameras import SimulatedCamera, SimulatedTrigger
 from sim.mapping import STEP_PX, centre_chords
 from sim.scenario import Scenario, load_scenario
@@ -33,7 +34,7 @@ def noiseless(scenario: Scenario) -> Scenario:
 
 
 def image(world: World, eye: int, tick: int = TICK) -> NDArray[Any]:
-    out = np.zeros((world.eyes[eye].height, world.eyes[eye].width), world.dtype)
+    out = make_frames((world.eyes[eye].height, world.eyes[eye].width), world.dtype)
     world.render(tick, eye, out)
     return out
 
@@ -245,7 +246,7 @@ def test_cameras_hand_over_each_edge_s_image_once(prerender: bool) -> None:
     world, same = World(scenario), World(scenario)
     trigger = SimulatedTrigger(world, LockstepClock())
     cameras = [SimulatedCamera(world, eye, trigger, prerender) for eye in (0, 1)]
-    out = np.zeros((750, 1024), np.uint8)
+    out = make_frames((750, 1024), np.uint8)
     assert cameras[0].grab(out).status == 1
     seen = 0
     while edge := trigger.wait():

@@ -13,6 +13,7 @@ from fsw.vision.cells import centres_of
 from fsw.vision.grid import Panel, make_grid
 from fsw.vision.rig import StereoRig
 from fsw.vision.sketch import sketch
+from hal.frame import as_frame, make_frames
 
 SHARED = Path(__file__).parents[2] / "shared" / "data" / "wing_close"
 
@@ -169,7 +170,7 @@ def test_a_hidden_border_row_is_no_border() -> None:
 
 def test_an_empty_sky_and_a_wing_out_of_view_are_said_to_be_so() -> None:
     scene = _scene()
-    dark = np.zeros((750, 1024), np.uint8)
+    dark = make_frames((750, 1024), np.uint8)
     prior = Prior(scene.R, scene.t, 25.0, 3.0)
     assert acquire(dark, dark, scene.rig, scene.grid, prior).reason.startswith("too few cells in the left eye")
     away = Prior(scene.R, scene.t + np.array([9000.0, 0.0, 0.0]), 25.0, 3.0)
@@ -213,7 +214,8 @@ def _recorded() -> tuple[StereoRig, list[Panel], dict[str, NDArray[np.float64]]]
 def test_the_recorded_sequence_is_named_rightly(frame: int) -> None:
     rig, panels, pose = _recorded()
     grid = make_grid(panels, (1600.0, 400.0), True)
-    images = [cv2.imread(str(SHARED / eye / f"{frame:06d}.png"), cv2.IMREAD_UNCHANGED) for eye in ("left", "right")]
+    files = [str(SHARED / eye / f"{frame:06d}.png") for eye in ("left", "right")]
+    images = [as_frame(cv2.imread(file, cv2.IMREAD_UNCHANGED)) for file in files]
     prior = Prior(pose["rotation"], pose["translation_mm"], 25.0, 3.0)
     found = acquire(images[0], images[1], rig, grid, prior)
     assert found.ok

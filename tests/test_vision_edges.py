@@ -29,6 +29,7 @@ from fsw.vision.profile import EdgeFit, fit_profile
 from fsw.vision.quads import measure_cells
 from fsw.vision.sides import Lens
 from fsw.vision.standing_in import forget_size
+from hal.frame import as_frame
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -281,7 +282,7 @@ class Sheet:
         ratio = np.array([(p - c) / c for p, c in zip(self.pitch_mm, self.cell_mm, strict=True)])
         bordering = np.array([[j == 0, i == 2, j == 2, i == 0] for i in range(3) for j in range(3)])
         measure_cells(
-            image, (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)),
+            as_frame(image), (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)),
             np.broadcast_to(wanted, 9).copy(), np.arange(9), np.tile(ratio[[1, 0, 1, 0]], (9, 1)), bordering,
             np.ones(2), told_size(), dark, 1, scratch, cells,
         )  # fmt: skip
@@ -410,7 +411,7 @@ def test_a_side_whose_line_the_rim_cuts_is_not_pulled(beyond_px: float) -> None:
     truth, image = sheet.corners_px(), sheet.draw(np.uint16)
     rim = int(np.ceil(truth[MIDDLE, 1:3, 0].max() + beyond_px))
     wanted = np.arange(9) < 6
-    cells = sheet.measure(np.ascontiguousarray(image[:, :rim]), truth, wanted=wanted)
+    cells = sheet.measure(image[:, :rim], truth, wanted=wanted)
     assert cells.whole[MIDDLE]
     assert np.abs(cells.centre_px - sheet.centres_px())[MIDDLE].max() < 0.01
 

@@ -10,6 +10,7 @@ from fsw.vision.bridging import step_of
 from fsw.vision.grid import Panel, make_grid
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.search import look, make_sightings
+from hal.frame import as_frame
 
 SIZE, LOW, HIGH, LINE = 240, 80.0, 160.0, 8.0  # px: image, a square cell's edges, the lines beside it
 
@@ -19,7 +20,7 @@ def seen(offset_px: float, within_px: float) -> np.ndarray[Any, Any]:
     from_px = np.arange(SIZE) - 0.5
     edge = HIGH + offset_px
     line = np.clip(np.minimum(from_px + 1.0, edge + LINE) - np.maximum(from_px, edge), 0.0, 1.0)
-    image = (50.0 + 100.0 * np.maximum(line[:, None], line[None, :])).astype(np.uint8)
+    image = as_frame((50.0 + 100.0 * np.maximum(line[:, None], line[None, :])).astype(np.uint8))
     rig = StereoRig(
         np.full((2, 2), SIZE),
         np.tile([1000.0, 1000.0, 120.0, 120.0], (2, 1)),

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hal.frame import as_frame
 from sim.bench.vision_stand import Stand, Truth, bench_scenario, hardware, pair_of
 from sim.world import World
 
@@ -40,7 +41,7 @@ def test_a_shift_in_one_eye_lets_no_point_stand(tracking: tuple[Stand, list[Pair
     pairs_of_rows = [n for n in range(stand.grid.count - 1) if valid[n] and valid[n + 1] and n % 18 < 17]
     step = float(np.median([centre[n + 1, 1] - centre[n, 1] for n in pairs_of_rows]))
     moved = list(pairs[2])
-    moved[eye] = np.ascontiguousarray(np.roll(moved[eye], round(rows * step), axis=0))
+    moved[eye] = as_frame(np.roll(moved[eye], round(rows * step), axis=0))
     stand.tick(moved[0], moved[1])
     assert not stand.tracker.points.valid.any()
 

@@ -16,6 +16,7 @@ from fsw.vision.prediction import FEW, Surface, expect, locate, make_surface, se
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.search import SIDES_SEARCHED, Sightings, make_sightings
 from fsw.vision.tracking import Tracker, TrackingOptions
+from hal.frame import make_frames
 from sim.flight_files import flight_files
 
 SHIFT_X, SHIFT_Y, TURN, OFFSET, TILT_X, TILT_Y, TWIST, BEND = range(8)  # the first unknowns, mm
@@ -250,7 +251,8 @@ def test_a_black_image_leaves_no_point_and_the_surface_in_place(footage: Footage
     assert follow(tracker, footage, 0) > 240
     before = tracker.surface.unknowns.copy()
     left, right = footage.images[:, 0]
-    for pair in ((np.zeros_like(left), np.zeros_like(right)), (left, np.zeros_like(right))):
+    black = make_frames(right.shape, right.dtype)
+    for pair in ((black, black), (left, black)):
         tracker.measure(*pair)
         assert tracker.both_found() == 0 and tracker.detected()[1] == 0
         assert tracker.reconstruct(tracker.both) == 0

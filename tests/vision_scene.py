@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.grid import CellGrid, Panel, make_grid
 from fsw.vision.rig import StereoRig
+from hal.frame import as_frame
 
 FloatArray = NDArray[np.float64]
 Field = Callable[[FloatArray, FloatArray], FloatArray]
@@ -123,7 +124,7 @@ class Scene:
         grey = cv2.GaussianBlur(grey / n**2, (0, 0), self.blur_px)
         grey += rng.normal(0.0, self.noise, grey.shape)
         top = 2**self.bits - 1
-        return np.clip(np.round(grey * top), 0, top).astype(np.uint8 if self.bits == 8 else np.uint16)
+        return as_frame(np.clip(np.round(grey * top), 0, top).astype(np.uint8 if self.bits == 8 else np.uint16))
 
     def _shade(self, xy: FloatArray, cells: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
         x, y = xy[..., 0], xy[..., 1]

@@ -2,8 +2,9 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import DTypeLike, NDArray
+
+from hal.frame import make_frames
 
 
 class Lease(NamedTuple):
@@ -23,9 +24,7 @@ class FramePool:
     def __init__(self, count: int, shape: tuple[int, ...], dtype: DTypeLike) -> None:
         if count < 1:
             raise ValueError(f"a pool needs at least one frame, not {count}")
-        block: NDArray[Any] = np.empty((count, *shape), dtype)
-        block.fill(0)  # touch every page now: the operating system hands out memory at the first write
-        self._frames = tuple(block)
+        self._frames = tuple(make_frames((count, *shape), dtype))
         self._place = {id(frame): place for place, frame in enumerate(self._frames)}
         self._lease: list[Lease | None] = [None] * count
         self._free = list(range(count - 1, -1, -1))

@@ -9,6 +9,7 @@ from fsw.vision.acquisition import Prior, acquire
 from fsw.vision.rig import StereoRig
 from fsw.vision.sketch import sketch
 from fsw.vision.tracking import Tracker
+from hal.frame import make_frames
 from telemetry.dictionary import FlightMode
 from telemetry.events import LOCK_ACQUIRED
 
@@ -25,7 +26,7 @@ class Search:
 
     def __init__(self, state: State, rig: StereoRig, prior: Prior, table: VisionTable) -> None:
         self._state, self._rig, self._prior, self.table = state, rig, prior, table
-        self._left, self._right = np.zeros_like(state.pair.left), np.zeros_like(state.pair.right)
+        self._left, self._right = (make_frames(p.shape, p.dtype) for p in (state.pair.left, state.pair.right))
         self._scout = Tracker(rig, state.tracker.grid, state.tracker.options)
         self._found = 0
 

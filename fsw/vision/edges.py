@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.ahead import Ahead, make_ahead
+from fsw.vision.ahead import make_ahead
 from fsw.vision.hot import full_scale, is_hot
 from fsw.vision.strips import Strips, make_strips
 from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
@@ -60,11 +60,12 @@ class Quad(NamedTuple):
     by_light: FloatArray  # (4,) px2 that it is off by, where light grows by its whole per px outwards
     flat: FloatArray  # (4, 2) corners, without what was measured of them
     agreed: FloatArray  # (POOLED_ROWS, 3) what was pooled before the cell
+    seen: FloatArray  # (6, 2) corners in the image, and both of the next cell's first side
 
 
 def make_quad() -> Quad:
     """Take the memory."""
-    shapes = [(4,)] * 14 + [(4, 2), (POOLED_ROWS, 3)]
+    shapes = [(4,)] * 14 + [(4, 2), (POOLED_ROWS, 3), (6, 2)]
     return Quad(*(np.zeros(shape) for shape in shapes))
 
 
@@ -85,7 +86,7 @@ class Scratch(NamedTuple):
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
     templates: Templates
     strips: Strips
-    ahead: Ahead
+    ahead: FloatArray  # (6,) see `look_ahead`
     quad: Quad
     sizes: FloatArray  # (2, SIZE_SUMS) of the whole cells' extents, see standing_in
 

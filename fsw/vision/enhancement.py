@@ -120,7 +120,7 @@ def _halved(image: Image, most: int) -> tuple[Image, int]:
         height, width = (n // 2 for n in small.shape)
         small = cv2.resize(small[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
         side *= 2
-    return small, side
+    return np.ascontiguousarray(small), side  # rows of a frame are apart: the kernel is compiled for one layout
 
 
 def _seen(

@@ -6,10 +6,10 @@ A pixel at full scale is theirs where no more than HOT_RUN rows side by side are
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.rig import FloatArray, distort_point
 from wingbeat.kernels import tick_kernel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+FloatArray = NDArray[np.float64]
 
 HOT_RUN = 2  # rows side by side that may be hot
 LEAST_LINE_PX = HOT_RUN + 2.0  # of a line along rows, that it should not look like hot rows itself
@@ -36,16 +36,13 @@ def is_hot(image: Image, x: int, y: int) -> bool:
 
 
 @tick_kernel
-def runs_along_hot_row(
-    image: Image, intrinsics: FloatArray, distortion: FloatArray, start: FloatArray, end: FloatArray, reach_px: float
-) -> bool:
-    """Whether a hot row lies nearer than reach_px to a side between two ideal points that runs along rows.
+def runs_along_hot_row(image: Image, start: FloatArray, end: FloatArray, reach_px: float) -> bool:
+    """Whether a hot row lies nearer than reach_px to a side between two places (2,) in the image that runs along rows.
 
     A row is hot that is so in three places from end to end of the side. One that crosses a side spoils a single sample
     across it, in which no step is seen.
     """
-    x0, y0, _, _, _, _ = distort_point(start[0], start[1], intrinsics, distortion)
-    x1, y1, _, _, _, _ = distort_point(end[0], end[1], intrinsics, distortion)
+    x0, y0, x1, y1 = start[0], start[1], end[0], end[1]
     if abs(y1 - y0) > abs(x1 - x0):
         return False
     height, width = image.shape

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.ahead import Ahead, ask
+from fsw.vision.ahead import ask
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
@@ -72,7 +72,7 @@ def match_strips(
     noise: FloatArray,
     sums: FloatArray,
     image: Image,
-    ahead: Ahead,
+    ahead: FloatArray,
 ) -> None:
     """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.vision.ahead import look_ahead
+from fsw.vision.ahead import look_ahead, next_wanted
 from fsw.vision.corners import Cells, add_pull, corners_and_centre
 from fsw.vision.edges import (
     BIN_PX,
@@ -35,6 +35,7 @@ from fsw.vision.perspective import (
     sample_lean,
     side_normal,
 )
+from fsw.vision.rig import distort_point
 from fsw.vision.sides import Lens, fit_segments, straight_side
 from fsw.vision.standing_in import add_size, is_inside, learn_size, stand_in
 from fsw.vision.templates import fill_templates
@@ -89,7 +90,7 @@ def measure_cells(
     scratch.sizes[:] = 0.0
     intrinsics, distortion = lenses[0].intrinsics, lenses[0].distortion
     nx, ny, lengths, extents, depth, middle, slope, variance = scratch.quad[:8]
-    by_blur, by_width, weight, cross, bright, by_light, flat, agreed = scratch.quad[8:]
+    by_blur, by_width, weight, cross, bright, by_light, flat, agreed, seen = scratch.quad[8:]
     for place in range(len(order)):
         n = order[place]
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
@@ -100,8 +101,10 @@ def measure_cells(
         out.residual_px[n] = out.contrast[n] = np.nan
         if not wanted[n]:
             continue
-        c, following = expected_px[n], _next_wanted(order, wanted, place)
-        look_ahead(image, expected_px[following], intrinsics, distortion, scratch.ahead)
+        c, following = expected_px[n], expected_px[next_wanted(order, wanted, place)]
+        for k in range(6):
+            x, y = (c[k, 0], c[k, 1]) if k < 4 else (following[k - 4, 0], following[k - 4, 1])
+            seen[k, 0], seen[k, 1], _, _, _, _ = distort_point(x, y, intrinsics, distortion)
         for k in range(4):
             flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
         corner_depths(flat, depth)
@@ -111,6 +114,8 @@ def measure_cells(
         hand = 1.0 if turn > 0.0 else -1.0
         for k in range(4):
             k1, row, lens = (k + 1) % 4, k % 2, lenses[k % 2]
+            coming = (k + 1, (k + 2) % 4) if k < 3 else (4, 5)
+            look_ahead(image, seen[coming[0]], seen[coming[1]], scratch.ahead)
             lengths[k], x, y = side_normal(c, k)
             nx[k], ny[k] = hand * x, hand * y  # outwards
             k2, k3 = (k + 2) % 4, (k + 3) % 4
@@ -133,7 +138,7 @@ def measure_cells(
             # Templates need half a window of plateau on either side.
             half = 0.5 * scratch.templates.taps[row]
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
-            plain = plain and not runs_along_hot_row(image, intrinsics, distortion, c[k], c[k1], half + 1.0)
+            plain = plain and not runs_along_hot_row(image, seen[k], seen[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
             # Templates blurred by 1 px more would show the edge shifted.
@@ -219,15 +224,6 @@ def measure_cells(
         out.residual_px[n], out.contrast[n] = math.sqrt(squares / (4 - hidden)), contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
     learn_size(size, scratch.sizes)
-
-
-@tick_kernel
-def _next_wanted(order: NDArray[np.int64], wanted: NDArray[np.bool_], place: int) -> int:
-    """The wanted cell that comes next in order; the same one, if none does."""
-    for later in range(place + 1, len(order)):
-        if wanted[order[later]]:
-            return order[later]
-    return order[place]
 
 
 @tick_kernel

@@ -9,6 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 from fsw.vision.enhancement import apply_homography, plane_homography
 from fsw.vision.grid import CellGrid
 from fsw.vision.rig import StereoRig
+from hal.frame import make_frames
 
 FloatArray = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ def sketch(rig: StereoRig, eye: int, grid: CellGrid, R: FloatArray, t_mm: FloatA
     width, height = (int(n) for n in rig.size[eye])
     full = float(np.iinfo(np.dtype(dtype)).max)
     cell, line = (CELL * full, LINE * full) if grid.dark else (LINE * full, CELL * full)
-    image = np.zeros((height, width), dtype)
+    image = make_frames((height, width), dtype)
     H = plane_homography(rig, eye, R, t_mm)
     # Far outside the image the lens's polynomial folds back; so far only is drawn.
     reach = np.array([width, height])

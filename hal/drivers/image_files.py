@@ -50,7 +50,7 @@ def check_images(paths: Sequence[Path], width: int, height: int) -> np.dtype[Any
 
 
 def read_image(path: Path, out: NDArray[Any]) -> None:
-    """Decode a checked PNG into out (height, width), without another image buffer. Raises InputError."""
+    """Decode a checked PNG into out (height, width), contiguous, without another image buffer. Raises InputError."""
     # The decoder prints its own complaints; the checksums find a damaged file first.
     if not _checksums_hold(_bytes_of(path)):
         raise InputError("the image is damaged (its checksum is wrong)", path, "copy it again from its source")

@@ -87,6 +87,7 @@ class RecordedCamera:
         self.dtype = recording.dtypes[eye]
         self._frames = recording.frames[eye]
         self._time_ns = recording.time_ns
+        self._decoded = np.zeros((self.height, self.width), self.dtype)  # the decoder wants rows without gaps
         self._tick = 0
 
     def grab(self, out: NDArray[Any]) -> FrameStamp:
@@ -96,7 +97,8 @@ class RecordedCamera:
         frame = self._frames[tick] if tick < len(self._frames) else None
         if frame is None:
             return FrameStamp(tick, -1, self._time_ns[min(tick, len(self._time_ns) - 1)], FrameStatus.MISSING)
-        read_image(frame.path, out)
+        read_image(frame.path, self._decoded)
+        np.copyto(out, self._decoded)
         return FrameStamp(tick, frame.place, frame.time_ns, FrameStatus.OK)
 
 

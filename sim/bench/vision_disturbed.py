@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.frame import as_frame, make_frames
 from sim.disturbances import (
     LightImage,
     Mask,
@@ -79,7 +80,7 @@ def clear_world(scenario: Scenario, seed: int, background: float | None = None) 
 def light_of(world: World, tick: int, eye: int) -> LightImage:
     """Light (h, w) of one image, in shares of full scale."""
     camera = world.eyes[eye]
-    image = np.empty((camera.height, camera.width), world.dtype)
+    image = make_frames((camera.height, camera.width), world.dtype)
     world.render(tick, eye, image)
     return image.astype(np.float32) / np.float32(_TOP)
 
@@ -87,9 +88,8 @@ def light_of(world: World, tick: int, eye: int) -> LightImage:
 def pixels_of(light: LightImage, scenario: Scenario, noise: float, seed: tuple[int, ...]) -> NDArray[Any]:
     """What the scenario's sensor makes of the light."""
     camera = scenario.camera
-    return expose(
-        light, camera.bits, camera.full_well_e, camera.read_noise_e, noise, np.random.default_rng([*seed, 91])
-    )
+    draw = np.random.default_rng([*seed, 91])
+    return as_frame(expose(light, camera.bits, camera.full_well_e, camera.read_noise_e, noise, draw))
 
 
 def _shadow(left: float) -> Shine:

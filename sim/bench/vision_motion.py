@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fault.modes import Cause
+from hal.frame import make_frames
 from sim.bench.table import Row
 from sim.bench.vision_stand import Stand, Truth, bench_scenario, hardware
 from sim.bench.vision_stress import Score
@@ -48,7 +49,7 @@ def _one_seed(moved_px: FloatArray, seed: int, binning: int, score: Score) -> tu
     stand: Stand | None = None
     begun, late, lost = False, 0, 0
     for tick in range(TICKS):
-        images = [np.empty((eye.height, eye.width), world.dtype) for eye in world.eyes]
+        images = [make_frames((eye.height, eye.width), world.dtype) for eye in world.eyes]
         bent = np.tensordot(world.modal_mm(tick), world.modes.patches, axes=1).reshape(shape)
         bent[..., 0, 0] += away_mm[tick]
         for eye in (0, 1):

@@ -25,6 +25,7 @@ from fsw.tasks.reconstruct import Reconstruct
 from fsw.tasks.state import Pair, State
 from fsw.vision.acquisition import Acquisition, acquire
 from fsw.vision.tracking import Tracker, TrackingOptions
+from hal.frame import make_frames
 from sim.flight_files import flight_files
 from sim.scenario import Scenario, load_scenario
 from sim.world import World
@@ -133,7 +134,7 @@ class Truth:
 
 def pair_of(world: World, tick: int) -> tuple[Image, Image]:
     """What both eyes see at a tick."""
-    images = [np.empty((eye.height, eye.width), world.dtype) for eye in world.eyes]
+    images = [make_frames((eye.height, eye.width), world.dtype) for eye in world.eyes]
     for eye, image in enumerate(images):
         world.render(tick, eye, image)
     return images[0], images[1]
