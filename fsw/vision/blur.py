@@ -13,6 +13,7 @@ FloatArray = NDArray[np.float64]
 STEP_REACH_PX = 8.0
 STEP_PER_PX = 64
 STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
+FAR_SIGMAS = 8.3  # of a Gaussian, beyond which no more than rounding is left
 PIXEL_VARIANCE = 1.0 / 12.0  # of that average: what the sensor adds to the lens's blur
 
 
@@ -23,17 +24,25 @@ def tabulate_step(blur_px: float, out: FloatArray) -> None:
     The lens blurs by a Gaussian of standard deviation blur_px, the pixel averages over its width.
     """
     out[:] = 0.0
-    half = STEP_PER_PX // 2
-    for j in range(-half, STEP_ROWS + half):
-        # Each place is the upper end of one pixel and the lower end of another.
-        z = (j / STEP_PER_PX - STEP_REACH_PX) / blur_px
-        cdf = 0.5 * math.erfc(-z / math.sqrt(2.0))
-        pdf = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-        for i, sign in ((j - half, 1.0), (j + half, -1.0)):
-            if 0 <= i < STEP_ROWS:
-                out[i, 0] += sign * blur_px * (z * cdf + pdf)
-                out[i, 1] += sign * cdf
-                out[i, 2] += sign * pdf
+    half, middle = STEP_PER_PX // 2, STEP_ROWS // 2
+    for j in range(middle + half + 1):  # each value of the Gaussian serves both sides of the step
+        z, beyond, pdf = j / STEP_PER_PX / blur_px, 0.0, 0.0
+        if z < FAR_SIGMAS:
+            beyond = 0.5 * math.erfc(z / math.sqrt(2.0))
+            pdf = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        _add_end(middle + j, z, 1.0 - beyond, pdf, blur_px, half, out)
+        if j > 0:
+            _add_end(middle - j, -z, beyond, pdf, blur_px, half, out)
+
+
+@tick_kernel
+def _add_end(j: int, z: float, cdf: float, pdf: float, blur_px: float, half: int, out: FloatArray) -> None:
+    """Add to a table what lies at place j: the upper end of one pixel, and the lower end of another."""
+    for i, sign in ((j - half, 1.0), (j + half, -1.0)):
+        if 0 <= i < STEP_ROWS:
+            out[i, 0] += sign * blur_px * (z * cdf + pdf)
+            out[i, 1] += sign * cdf
+            out[i, 2] += sign * pdf
 
 
 @tick_kernel
