@@ -3,7 +3,7 @@
 import numpy as np
 
 from fsw.vision.corners import make_cells
-from fsw.vision.sizes import EVEN_PX, TERMS, WORK, widen_odd_sizes
+from fsw.vision.sizes import EVEN_PX, ROWS_BEHIND, WORK, widen_odd_sizes
 
 COUNT, VARIANCE = 60, 1e-6
 
@@ -27,7 +27,7 @@ def widened(shift: np.ndarray, scale: float = 1.0, at_border: np.ndarray | None 
     bordering = np.zeros((COUNT, 4), np.bool_)
     if at_border is not None:
         bordering[at_border, 2] = True
-    widen_odd_sizes(expected, tilted, bordering, np.zeros((COUNT + TERMS + 1, WORK)), cells, odd)
+    widen_odd_sizes(expected, tilted, bordering, np.zeros((COUNT + ROWS_BEHIND, WORK)), cells, odd)
     assert (odd == (cells.covariance_px2 > VARIANCE).any(axis=1)).all()
     assert (cells.found == (abs(shift - np.median(shift)) < 0.5)).all()
     return cells.covariance_px2

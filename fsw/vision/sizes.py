@@ -23,7 +23,8 @@ EVEN_PX = 0.25  # as much as sizes differ evenly; what is farther off has no say
 STEP = 6
 TERMS = 7  # 1, u, v, u2, uv, v2, and STEP: from the other cells to those at a border
 USED = 4 + TERMS  # column of the working memory that says which sizes the trend is fitted to
-WORK = USED + 1  # columns of the working memory
+WORK = USED + 1  # columns of the working memory,
+ROWS_BEHIND = 2 * (TERMS + 1)  # and its rows behind those of the cells
 _LEAST = 3 * TERMS  # cells that tell a curvature; fewer tell the mean
 _ROUNDS = 5  # trend and scatter of the sizes, each time without those that are odd
 _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do not tell it
@@ -41,8 +42,9 @@ def widen_odd_sizes(
     """Widen the covariance of cells an extent of which is odd: one of its two sides is off by the difference.
 
     expected_px (N, 4, 2): corners by the surface fitted to this tick's points; tilted_px (N, 2): see tilt_extents.
-    bordering (N, 4): whether no cell lies across. work (N + TERMS + 1, WORK): written. odd (N,): set where a covariance
-    was widened. Which side is wrong is not known, so both may be: the centre is off by half of the difference for each.
+    bordering (N, 4): whether no cell lies across. work (N + ROWS_BEHIND, WORK): written. odd (N,): set where a
+    covariance was widened. Which side is wrong is not known, so both may be: the centre is off by half of the
+    difference for each.
     """
     cells = len(expected_px)
     for axis in range(2):
@@ -112,31 +114,33 @@ def _compare(
 def _even(work: FloatArray, cells: int, terms: int) -> tuple[float, float]:
     """Write to work[:, 3] what of the sizes work[:, 0] changes evenly across the view; returns the scatter, and STEP.
 
-    The rows behind the cells' are the normal equations. Sizes far from the trend are left out, round by round; the
-    first one is the mean, so that a row of wrong sides at the rim does not bend it.
+    The rows behind the cells' are the normal equations with their right side, and again to be solved. Sizes far from
+    the trend are left out, round by round; the first one is the mean, so that a row of wrong sides at the rim does not
+    bend it. Few come or go in later rounds.
     """
     scatter, limit, step = 0.0, math.inf, 0.0
+    sums, A = work[cells : cells + TERMS + 1, :TERMS], work[cells + TERMS + 1 :, :TERMS]
+    b = A[TERMS]
     for n in range(cells):
-        work[n, 3] = work[n, USED] = 0.0
+        work[n, 3] = 0.0
     for turn in range(_ROUNDS):
         used = 1 if turn == 0 else terms
-        A, b = work[cells : cells + used, :used], work[cells + TERMS, :used]
-        A[:] = 0.0
-        b[:] = 0.0
+        if turn <= 1:
+            sums[:] = 0.0
+            for n in range(cells):
+                work[n, USED] = 0.0
         changed = turn <= 1
         for n in range(cells):
             use = abs(work[n, 0] - work[n, 3]) <= limit
-            changed = changed or use != (work[n, USED] > 0.0)
-            work[n, USED] = use
-            if use:
-                for i in range(used):
-                    b[i] += work[n, 4 + i] * work[n, 0]
-                    for j in range(i + 1):
-                        A[i, j] += work[n, 4 + i] * work[n, 4 + j]
+            if use != (work[n, USED] > 0.0):
+                _add_size(work[n], 1.0 if use else -1.0, used, sums)
+                work[n, USED], changed = use, True
         if not changed:
             break  # the same sizes have the same trend
-        for i in range(1, used):
-            A[i, i] += _HOLD
+        for i in range(used):
+            b[i] = sums[TERMS, i]
+            for j in range(i + 1):
+                A[i, j] = sums[i, j] + (_HOLD if i == j and i > 0 else 0.0)
         if A[0, 0] < 3.0 or not solve(A, b, used):
             break
         step = min(max(b[STEP], -EVEN_PX), EVEN_PX) if used > STEP else 0.0
@@ -153,3 +157,13 @@ def _even(work: FloatArray, cells: int, terms: int) -> tuple[float, float]:
         scatter = math.sqrt(squares / count)
         limit = min(GATE_SIGMAS * scatter, EVEN_PX)
     return scatter, step
+
+
+@tick_kernel
+def _add_size(size: FloatArray, share: float, terms: int, sums: FloatArray) -> None:
+    """Add a size, a row of the working memory, to the normal equations; with share -1 it is taken out again."""
+    for i in range(terms):
+        weighed = share * size[4 + i]
+        sums[TERMS, i] += weighed * size[0]
+        for j in range(i + 1):
+            sums[i, j] += weighed * size[4 + j]

@@ -28,7 +28,7 @@ from fsw.vision.quads import measure_cells
 from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
 from fsw.vision.sides import lenses_of
-from fsw.vision.sizes import TERMS, WORK, widen_odd_sizes
+from fsw.vision.sizes import ROWS_BEHIND, WORK, widen_odd_sizes
 from fsw.vision.standing_in import SHAPE_SIGMA, drop_unseen, forget_size
 from fsw.vision.stereo import Points, make_points, retriangulate_cells, triangulate_cells
 
@@ -80,7 +80,7 @@ class Tracker:
         self._scratch = (make_scratch(), make_scratch())
         self._steps = np.zeros((2, 2, STEP_ROWS, 3))
         self._correction = np.zeros((2, COMMON))  # of blur and widths, as this tick's edges have it
-        self._sizes = np.zeros((2, count + TERMS + 1, WORK))
+        self._sizes = np.zeros((2, count + ROWS_BEHIND, WORK))
         self._tilted_px = np.zeros((2, count, 2))
         self._odd = np.zeros(count, dtype=np.bool_)
         self._slip = Slip(grid, self.surface)
