@@ -51,7 +51,7 @@ def test_local_threshold_keeps_lines_and_cells_where_a_global_one_loses_half() -
     for light in (1.0 - 0.9 * x / 600, np.where(y > 170, 0.3, 1.0)):
         view = _grid(light)
         line = (x % 40 < 2) | (y % 24 < 2)
-        cells, _ = local_cells(view, (38.0, 22.0), (2.0, 2.0))
+        cells = local_cells(view, (38.0, 22.0), (2.0, 2.0))
         crude = binarise(view.astype(np.uint8), dark=True, row_step=1)
         inner = (y > 24) & (y < 336) & (x > 40) & (x < 560)
         assert np.mean((cells > 0)[inner] == ~line[inner]) > 0.985

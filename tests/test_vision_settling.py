@@ -100,6 +100,12 @@ def test_a_start_finds_a_blur_twice_as_wide_as_told_and_no_width_goes_along(trac
     assert worst_sigmas(tracker).max() < 5.0
 
 
+def test_a_start_measures_every_cell_even_if_it_was_told_the_right_blur(tracker: Tracker) -> None:
+    tracker.options = TrackingOptions(blur_px=SCENARIO.camera.psf_sigma_px)
+    found = start(tracker, SCENARIO.camera.psf_sigma_px)
+    assert found > 240 and found == tracker.both_found()
+
+
 def test_a_motion_during_the_exposure_blurs_the_sides_across_it_alone(tracker: Tracker) -> None:
     smear_px = 2.0
     pose, images = world().pose, []

@@ -28,6 +28,8 @@ __all__ = ["AcquireOptions", "Acquisition", "Prior", "acquire"]
 # Pixels of the view on a cell's smaller side: fewer do not show its lines, more only cost time. Edges are measured in
 # the whole image later, by the tracker.
 _LEAST_PX, _MOST_PX = 12.0, 20.0
+_MEAN_PX = 16.0  # is enough where each is the mean of _MEAN_OF by _MEAN_OF of the image: no thin line falls between
+_MEAN_OF = 4
 _EDGE_REACH = 3  # px of the view by which a contour may lie off a cell's edge
 
 
@@ -150,7 +152,8 @@ def _detect(
     box, resolution = region
     sizes = {p.cell_mm: p for p in grid.panels}
     smallest = min(min(cell) for cell in sizes)
-    mm_per_px = float(np.clip(0.55 / resolution[1], smallest / _MOST_PX, smallest / _LEAST_PX))
+    most = _MEAN_PX if resolution[0] * smallest / _MEAN_PX >= _MEAN_OF else _MOST_PX
+    mm_per_px = float(np.clip(0.55 / resolution[1], smallest / most, smallest / _LEAST_PX))
     shrink = max(1, int(mm_per_px * resolution[0]))
     view = metric_view(image, rig, eye, R, t, box, mm_per_px, shrink)
     dark = view.pixels if grid.dark else -view.pixels
@@ -159,8 +162,7 @@ def _detect(
     for cell_mm, panel in sizes.items():
         cell_px = (cell_mm[0] / mm_per_px, cell_mm[1] / mm_per_px)
         line_px = ((panel.pitch_mm[0] - cell_mm[0]) / mm_per_px, (panel.pitch_mm[1] - cell_mm[1]) / mm_per_px)
-        cells, _ = local_cells(smooth, cell_px, line_px)
-        cells[~view.inside] = 0
+        cells = local_cells(smooth, cell_px, line_px) * view.inside
         quads = quadrilaterals(cells, cell_px, options.cell_tolerance)
         refine(quads, smooth, _EDGE_REACH)
         corners = box[0] + mm_per_px * quads

@@ -167,15 +167,15 @@ def _absent(
     for eye in (0, 1):
         view, warp = eyes[eye].view, names[eye].warp
         beside = np.append(seen[eye], False)[grid.neighbour]  # (N, 4)
-        asked = np.flatnonzero(~there & beside.any(axis=1) & predicted_inside(view, warp, grid))
+        asked = np.flatnonzero(~there & beside.any(axis=1))
+        asked = asked[predicted_inside(view, warp, grid, asked)]
         if not len(asked):
             continue
-        known = np.flatnonzero(seen[eye])
+        near, known = grid.neighbour[asked], np.unique(grid.neighbour[asked][beside[asked]])
         every = np.ones((len(known), 4), dtype=np.bool_)
         contrast = np.full(grid.count + 1, np.nan)
         contrast[known] = line_contrast(view, warp, grid, eyes[eye].full_scale, known, every)
-        near = np.where(beside[asked], contrast[grid.neighbour[asked]], np.nan)
-        reference = np.nan_to_num(near, nan=-np.inf).max(axis=1)
+        reference = np.nan_to_num(contrast[near], nan=-np.inf).max(axis=1)
         # The side towards a seen cell is that cell's line or border: it stands there in any case.
         own = line_contrast(view, warp, grid, eyes[eye].full_scale, asked, ~beside[asked])
         known_here = np.isfinite(own) & (reference > 0.0)

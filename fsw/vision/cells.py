@@ -54,11 +54,11 @@ def quadrilaterals(cells: ByteImage, cell_px: tuple[float, float], tolerance: fl
     contours, hierarchy = cv2.findContours(cells, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     least = 2.0 * (1.0 - tolerance) * sum(cell_px) * 0.8
     most = 2.0 * (1.0 + tolerance) * sum(cell_px) * 1.3
-    blobs = [c[:, 0, :] for i, c in enumerate(contours) if hierarchy[0, i, 3] < 0 and least <= len(c) <= most]
+    blobs = [c for i, c in enumerate(contours) if least <= len(c) <= most and hierarchy[0, i, 3] < 0]
     if not blobs:
         return np.empty((0, 4, 2))
     first = np.concatenate(([0], np.cumsum([len(b) for b in blobs])))
-    points = np.concatenate(blobs).astype(np.float64)
+    points = np.concatenate(blobs)[:, 0].astype(np.float64)
     size = np.array(cells.shape[::-1], dtype=np.float64)
     corners, good = _fit(points, first, np.array(cell_px), tolerance, size)
     return np.asarray(corners[good])
@@ -74,6 +74,7 @@ def _fit(
     good = np.zeros(count, dtype=np.bool_)
     # A contour runs through the centres of the outermost pixels: the true edge lies half a pixel further out.
     outward = np.array([-0.5, 0.5, 0.5, -0.5])
+    us, vs = np.empty(len(points)), np.empty(len(points))
     for n in range(count):
         p = points[first[n] : first[n + 1]]
         low_x, high_x, low_y, high_y = p[:, 0].min(), p[:, 0].max(), p[:, 1].min(), p[:, 1].max()
@@ -92,15 +93,17 @@ def _fit(
             across = 1 if side % 2 == 0 else 0  # sides 0 and 2 run along x: y is fitted against x
             along = 1 - across
             sign = -1.0 if side == 0 or side == 3 else 1.0
+            found = 0
+            for q in range(len(p)):
+                u, v = (p[q, along] - middle[along]) / half[along], p[q, across] - middle[across]
+                if abs(u) <= _MIDDLE and v * sign > 0.0:
+                    us[found], vs[found], found = u, v, found + 1
             a, b, tilt = 0.0, 0.0, np.inf
-            for attempt in range(3):
+            for _ in range(3):
                 s, su, suu, sv, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for q in range(len(p)):
-                    u = (p[q, along] - middle[along]) / half[along]
-                    v = p[q, across] - middle[across]
-                    if abs(u) > _MIDDLE or v * sign <= 0.0:
-                        continue
-                    if attempt and abs(v - a - b * u) > tilt:
+                for q in range(found):
+                    u, v = us[q], vs[q]
+                    if abs(v - a - b * u) > tilt:
                         continue
                     s, su, suu = s + 1.0, su + u, suu + u * u
                     sv, suv, svv = sv + v, suv + u * v, svv + v * v
@@ -142,7 +145,7 @@ def refine(corners: FloatArray, view: NDArray[np.float32], reach: int) -> None:
 
     reach: px that an edge may lie off. A side with too few clear edges stays. Written in place.
     """
-    samples, steps = 13, 4 * reach + 1
+    samples, steps = 9, 4 * reach + 1
     offset, weight = np.empty(samples), np.empty(samples)
     profile = np.empty(steps)
     for n in range(len(corners)):

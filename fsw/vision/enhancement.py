@@ -155,6 +155,7 @@ def _px_per_mm(H: FloatArray, points_mm: FloatArray) -> FloatArray:
 def _resample(image: Image, at: FloatImage, pixels: FloatImage, inside: NDArray[np.bool_]) -> None:
     """Bilinear samples of the image at positions `at` (nodes _NODE_STEP apart), where the image has all four pixels."""
     height, width = image.shape
+    last_x, last_y = width - 1.0, height - 1.0
     for v in range(pixels.shape[0]):
         j, b = v // _NODE_STEP, (v % _NODE_STEP) / _NODE_STEP
         for i in range(at.shape[1] - 1):
@@ -164,19 +165,23 @@ def _resample(image: Image, at: FloatImage, pixels: FloatImage, inside: NDArray[
             y1 = (1.0 - b) * at[j, i + 1, 1] + b * at[j + 1, i + 1, 1]
             if min(x0, x1) < -1e5 or max(x0, x1) < 0.0 or max(y0, y1) < 0.0:
                 continue
-            if min(x0, x1) >= width - 1 or min(y0, y1) >= height - 1:
+            if min(x0, x1) >= last_x or min(y0, y1) >= last_y:
                 continue
-            for u in range(i * _NODE_STEP, min((i + 1) * _NODE_STEP, pixels.shape[1])):
-                a = (u - i * _NODE_STEP) / _NODE_STEP
-                x, y = x0 + a * (x1 - x0), y0 + a * (y1 - y0)
-                if x < 0.0 or y < 0.0 or x >= width - 1 or y >= height - 1:
+            dx, dy = (x1 - x0) / _NODE_STEP, (y1 - y0) / _NODE_STEP
+            row, within = pixels[v, i * _NODE_STEP :], inside[v, i * _NODE_STEP :]
+            for u in range(min(_NODE_STEP, len(row))):
+                x, y = x0 + u * dx, y0 + u * dy
+                if x < 0.0 or y < 0.0 or x >= last_x or y >= last_y:
                     continue
                 m, n = int(x), int(y)
-                p, q = x - m, y - n
-                top = (1.0 - p) * image[n, m] + p * image[n, m + 1]
-                low = (1.0 - p) * image[n + 1, m] + p * image[n + 1, m + 1]
-                pixels[v, u] = (1.0 - q) * top + q * low
-                inside[v, u] = True
+                p, q = np.float32(x - m), np.float32(y - n)
+                m0, n0 = np.uintp(m), np.uintp(n)
+                m1, n1 = np.uintp(m + 1), np.uintp(n + 1)
+                left, right = np.float32(image[n0, m0]), np.float32(image[n0, m1])
+                top = left + p * (right - left)
+                left, right = np.float32(image[n1, m0]), np.float32(image[n1, m1])
+                row[u] = top + q * (left + p * (right - left) - top)
+                within[u] = True
 
 
 def char(variance_x: float, variance_y: float, size_factor: float = SIZE_FACTOR) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from fsw.vision.cells import centres_of
 from fsw.vision.grid import CellGrid
 from fsw.vision.lattice import Lattice
 from fsw.vision.surface import Warp, fit_warp
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -123,27 +125,56 @@ def assignments(
         open_ = (wrong <= hopeless) & (on_wing >= _CROWD)
         dropped = min(dropped, int(np.min(wrong[~open_], initial=dropped)))
         for i, j in np.argwhere(open_):
-            at = main.place + np.array([g[i], r[j]])
-            on = np.all((at >= 0) & (at < one.cell.shape), axis=1)
-            cell = one.cell[at[on, 0], at[on, 1]]
-            shift = np.median(centre[main.member[on]] - grid.centre_mm[cell], axis=0)
-            if np.any(np.abs(shift) > bound_mm):
-                continue
             label = np.full(len(centre), -1, dtype=np.int64)
-            label[main.member[on]] = cell
-            found.append(Assignment(label, int(wrong[i, j]), int(off[i, j]), centre, crowd, grid))
+            shift_mm = _lay(main.member, main.place, (g[i], r[j]), one.cell, centre, grid.centre_mm, label)
+            if np.all(np.abs(shift_mm) <= bound_mm):
+                found.append(Assignment(label, int(wrong[i, j]), int(off[i, j]), centre, crowd, grid))
     return found, dropped
 
 
-def _column_ratios(lattice: Lattice) -> list[tuple[int, int, float]]:
+@kernel
+def _lay(
+    member: IntArray,
+    place: IntArray,
+    first: tuple[int, int],
+    cell: IntArray,
+    centre_mm: FloatArray,
+    wing_mm: FloatArray,
+    label: IntArray,
+) -> FloatArray:
+    """Name a lattice's members, laid on a table's cells (G, R) from its place `first`; returns their mean shift (2,).
+
+    centre_mm (K, 2): of the quadrilaterals; wing_mm (N, 2): of the cells. Members beside the table stay without a name.
+    """
+    shift, count = np.zeros(2), 0
+    for m in range(len(member)):
+        column, row = place[m, 0] + first[0], place[m, 1] + first[1]
+        if 0 <= column < cell.shape[0] and 0 <= row < cell.shape[1]:
+            n = label[member[m]] = cell[column, row]
+            shift += centre_mm[member[m]] - wing_mm[n]
+            count += 1
+    return shift / count
+
+
+class _Ratios(NamedTuple):
     """Of each column between two others: its number, how many rows show its two steps' ratio, and their median."""
+
+    column: IntArray
+    rows: IntArray
+    ratio: FloatArray
+
+
+def _column_ratios(lattice: Lattice) -> _Ratios:
     has = np.isfinite(lattice.ratio_x)
-    column, ratio = lattice.place[has, 0], lattice.ratio_x[has]
-    shown = ((int(c), ratio[column == c]) for c in np.unique(column))
-    return [(c, len(s), float(np.median(s))) for c, s in shown if len(s) >= _STEP_ROWS]
+    order = np.lexsort((lattice.ratio_x[has], lattice.place[has, 0]))
+    ratio = lattice.ratio_x[has][order]
+    column, first, rows = np.unique(lattice.place[has, 0][order], return_index=True, return_counts=True)
+    median = 0.5 * (ratio[first + (rows - 1) // 2] + ratio[first + rows // 2])
+    enough = rows >= _STEP_ROWS
+    return _Ratios(column[enough], rows[enough], median[enough])
 
 
-def _false_steps(ratios: Sequence[tuple[int, int, float]], table: Table, first: IntArray) -> IntArray:
+def _false_steps(ratios: _Ratios, table: Table, first: IntArray) -> IntArray:
     """Number of cells (n,) at fold gaps that should not be there, or without those that should.
 
     first (n,): the table's column that the lattice's column 0 would be.
@@ -152,13 +183,11 @@ def _false_steps(ratios: Sequence[tuple[int, int, float]], table: Table, first: 
     gaps = np.abs(step / table.pitch_mm[0] - 1.0)
     gaps = gaps[gaps > _STEP[0]]
     limit = np.clip(0.4 * gaps.min(), *_STEP) if len(gaps) else _STEP[1]
-    wrong = np.zeros(len(first), dtype=np.int64)
-    expected = step[1:] / step[:-1]
-    for column, rows, ratio in ratios:
-        between = first + column - 1
-        known = (between >= 0) & (between < len(expected))
-        wrong[known] += rows * (np.abs(ratio / expected[between[known]] - 1.0) > limit)
-    return wrong
+    between = first[:, None] + ratios.column - 1
+    # Whatever lies beyond the table has no ratio, and contradicts nothing.
+    expected = np.concatenate((step[1:] / step[:-1], [np.nan]))
+    expected = expected[np.where((between >= 0) & (between < len(expected)), between, -1)]
+    return np.asarray((np.abs(ratios.ratio / expected - 1.0) > limit) @ ratios.rows)
 
 
 def _take_in(label: IntArray, centre: FloatArray, grid: CellGrid) -> Warp:

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from fsw.vision.cells import centres_of
@@ -17,6 +15,7 @@ IntArray = NDArray[np.int64]
 
 # A neighbour lies within this part of a pitch from where a cell's own sides expect it.
 _REACH = 0.17
+_STEPS = np.array([[1, 0], [0, 1]])  # what a link to the right, and one upwards, changes the place by
 
 
 @dataclass(frozen=True)
@@ -51,16 +50,15 @@ def link(corners: FloatArray, cell_mm: tuple[float, float], steps_x: Sequence[fl
     best = np.argmin(miss, axis=0)
     right = np.stack([f[0] for f in found])[best, np.arange(len(centre))]
     above = _mutual(tree, centre, scale, side_y * (step_y / cell_mm[1]))[0]
-    links = [(np.flatnonzero(to >= 0), to[to >= 0], step) for to, step in ((right, (1, 0)), (above, (0, 1)))]
-    place, label = _places(len(centre), links)
+    onward = np.stack((right, above))
+    place, label = _places(onward, _STEPS)
+    good = _consistent(place, label, onward)
     ratio_x = _ratios(centre, right)
     lattices = []
-    for component in np.argsort(-np.bincount(label), kind="stable"):
-        member = np.flatnonzero(label == component)
-        member = member[_consistent(member, place, links)]
+    for component in np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1]):
+        member = component[good[component]]
         if len(member):
-            at = place[member] - place[member].min(axis=0)
-            lattices.append(Lattice(member, at, ratio_x[member]))
+            lattices.append(Lattice(member, place[member] - place[member].min(axis=0), ratio_x[member]))
     return sorted(lattices, key=lambda a: -len(a.member))
 
 
@@ -75,50 +73,46 @@ def _mutual(tree: cKDTree, centre: FloatArray, scale: FloatArray, step: FloatArr
     return np.where(mutual, ahead, -1), np.where(mutual, ahead_miss, np.inf)
 
 
-def _places(n: int, links: list[tuple[IntArray, IntArray, tuple[int, int]]]) -> tuple[IntArray, IntArray]:
-    """Integer place (n, 2) by walking the links from one cell of each component, and the component (n,)."""
-    tail, head = (np.concatenate([k[i] for k in links]) for i in (0, 1))
-    graph = coo_array((np.ones(len(tail)), (tail, head)), shape=(n, n)).tocsr()
-    _, label = connected_components(graph, directed=False)
-    onward, steps = np.full((len(links), n), -1), np.array([step for _, _, step in links])
-    for to, (one, other, _) in zip(onward, links, strict=True):
-        to[one] = other
-    place = np.zeros((n, 2), dtype=np.int64)
-    _, roots = np.unique(label, return_index=True)
-    for root in roots:
-        order, parent = breadth_first_order(graph, int(root), directed=False)
-        _walk(order, parent, onward, steps, place)
-    return place, label.astype(np.int64)
-
-
 @kernel
-def _walk(
-    order: NDArray[np.int32], parent: NDArray[np.int32], onward: IntArray, steps: IntArray, place: IntArray
-) -> None:
-    """Place (n, 2) of one component's cells, in the order of their walk, from that of the cell each was reached from.
+def _places(onward: IntArray, steps: IntArray) -> tuple[IntArray, IntArray]:
+    """Integer place (n, 2) by walking the links from the first cell of each component, breadth first; component (n,).
 
-    onward (links, n): the cell that a link leads to; steps (links, 2): what it changes the place by.
+    onward (links, n): the cell that a link leads to, or -1; steps (links, 2): what it changes the place by.
     """
-    for node in order[1:]:
-        up = parent[node]
-        for i in range(len(steps)):
-            forth = onward[i, up] == node
-            if forth or onward[i, node] == up:
-                sign = 1 if forth else -1
-                place[node, 0], place[node, 1] = place[up, 0] + sign * steps[i, 0], place[up, 1] + sign * steps[i, 1]
+    links, n = onward.shape
+    back = np.full((links, n), -1)
+    for i in range(links):
+        for cell in range(n):
+            if onward[i, cell] >= 0:
+                back[i, onward[i, cell]] = cell
+    place, label, queue = np.zeros((n, 2), np.int64), np.full(n, -1), np.empty(n, np.int64)
+    components = 0
+    for root in range(n):
+        if label[root] >= 0:
+            continue
+        queue[0], label[root], done, known = root, components, 0, 1
+        while done < known:
+            cell, done = queue[done], done + 1
+            for i in range(links):
+                for other, sign in ((onward[i, cell], 1), (back[i, cell], -1)):
+                    if other >= 0 and label[other] < 0:
+                        place[other] = place[cell] + sign * steps[i]
+                        label[other], queue[known], known = components, other, known + 1
+        components += 1
+    return place, label
 
 
-def _consistent(
-    member: IntArray, place: IntArray, links: list[tuple[IntArray, IntArray, tuple[int, int]]]
-) -> NDArray[np.bool_]:
-    """Which members have a place of their own, and no link that contradicts it."""
-    _, inverse, count = np.unique(place[member], axis=0, return_inverse=True, return_counts=True)
-    good = count[inverse.reshape(-1)] == 1
-    bad = np.zeros(len(place), dtype=np.bool_)
-    for tail, head, step in links:
-        wrong = np.any(place[head] - place[tail] != np.array(step), axis=1)
-        bad[tail[wrong]] = bad[head[wrong]] = True
-    return np.asarray(good & ~bad[member])
+def _consistent(place: IntArray, label: IntArray, onward: IntArray) -> NDArray[np.bool_]:
+    """Which cells (n,) have a place of their own in their component, and no link that contradicts it."""
+    low, span = place.min(axis=0), np.ptp(place, axis=0) + 1
+    at = (label * span[0] + place[:, 0] - low[0]) * span[1] + place[:, 1] - low[1]
+    _, inverse, count = np.unique(at, return_inverse=True, return_counts=True)
+    good = count[inverse] == 1
+    for to, step in zip(onward, _STEPS, strict=True):
+        tail = np.flatnonzero(to >= 0)
+        wrong = tail[np.any(place[to[tail]] - place[tail] != step, axis=1)]
+        good[wrong] = good[to[wrong]] = False
+    return np.asarray(good)
 
 
 def _ratios(centre: FloatArray, right: IntArray) -> FloatArray:

@@ -80,12 +80,12 @@ def fit_warp(grid: CellGrid, wing_mm: FloatArray, view_mm: FloatArray) -> tuple[
     return Warp(middle, unit, coefficient), residual
 
 
-def predicted_inside(view: MetricView, warp: Warp, grid: CellGrid) -> BoolArray:
-    """Cells (N,) that lie wholly in the eye's image, with the lines round them."""
-    line = np.nan_to_num(grid.line_mm, nan=float(np.nanmax(grid.line_mm, initial=1.0)))
+def predicted_inside(view: MetricView, warp: Warp, grid: CellGrid, cells: IntArray) -> BoolArray:
+    """Which of the cells (m,) lie wholly in the eye's image, with the lines round them."""
+    line = np.nan_to_num(grid.line_mm[cells], nan=float(np.nanmax(grid.line_mm, initial=1.0)))
     grow = np.stack((line[:, [3, 1, 1, 3]], line[:, [0, 0, 2, 2]]), axis=-1)
     outward = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return np.asarray(inside(view, warp(grid.corners_mm + outward * (grow + view.mm_per_px))).all(axis=1))
+    return np.asarray(inside(view, warp(grid.corners_mm[cells] + outward * (grow + view.mm_per_px))).all(axis=1))
 
 
 def inside(view: MetricView, xy_mm: FloatArray) -> BoolArray:

@@ -104,11 +104,11 @@ class Tracker:
         self._forget_sizes()
         found = 0
         self._adaptation = 1.0
-        for _ in range(START_PASSES):
-            self.measure(left, right)
+        for one in range(START_PASSES):
+            self.measure(left, right, sparse=one == 0)  # enough to begin with
             self.both_found()
             found = self.reconstruct(self.both)
-            if np.abs(self._correction).max() < SETTLED:
+            if one > 0 and np.abs(self._correction).max() < SETTLED:
                 break
         self._adaptation = ADAPTATION
         self._slip.start()
@@ -131,9 +131,11 @@ class Tracker:
             forget_size(self.cell_size[eye])
             self.noise[eye] = LEAST_NOISE, 0.0
 
-    def measure(self, left: Image, right: Image) -> None:
-        """Find all cells near where they are expected in both images."""
+    def measure(self, left: Image, right: Image, sparse: bool = False) -> None:
+        """Find all cells, or a sparse part of them, near where they are expected in both images."""
         self._approach.bridge(left, right)
+        if sparse:
+            self._approach.thin()
         self._approach.both_eyes(self._measure, left, right)
         drop_unseen(*self.cells)
 
