@@ -8,7 +8,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from fsw.modal.channels import Channels, Scaled, chosen, power, transposed_times
 from fsw.modal.gaps import fill_in_time, fill_through
-from fsw.modal.subspace import Subspace, leading_singular, orthonormal
+from fsw.modal.subspace import Subspace, leading_singular
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,8 @@ def principal_coordinates(
     the other channels through the coordinates themselves. known: of a record that overlaps with this one.
     """
     present = np.isfinite(y)
-    live = (present.mean(axis=0) > _LEAST_SHARE) & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
+    often = present.sum(axis=0, dtype=np.int32) > _LEAST_SHARE * len(y)
+    live = often & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
     share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
     complete = share >= 1.0
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
@@ -85,7 +86,7 @@ def principal_coordinates(
     if len(gaps):
         fill_in_time(stamps, y, present)
     del present
-    y -= y.mean(axis=0, dtype=np.float64)
+    y -= y.mean(axis=0, dtype=np.float64).astype(y.dtype)
     if y.shape[1] <= count:
         scale = y.std(axis=0, dtype=np.float64)
         signals, basis, subspace = y / scale, np.diag(scale), None
@@ -111,7 +112,7 @@ def _project(
         start, scale = None, np.full(y.shape[1], overall)
         ranks = [*(rank for rank in _FILLING if rank < count and len(gaps)), count]
     else:
-        start, scale = _begin(y, gaps, count, known), known.scale
+        start, scale = known.start(count), known.scale
     for rank in ranks:
         left, signals, V = _fitted(Scaled(y, scale), gaps, rank, count, start)
         energy = power(y) if len(gaps) else energy
@@ -133,17 +134,6 @@ def _fitted(
     if len(gaps):
         fill_through(scaled, gaps, signals, V)
     return U, signals, V
-
-
-def _begin(y: Channels, gaps: NDArray[np.int32], count: int, known: Subspace) -> FloatArray:
-    """Vectors (L, k) to begin with, from what is known; fills the gaps of y."""
-    scaled, start = Scaled(y, known.scale), known.start(count)
-    seen = scaled.times(start)
-    if len(gaps):
-        V = np.ascontiguousarray(known.directions[:, :count])
-        fill_through(scaled, gaps, signals := seen[:, : V.shape[1]].copy(), V)
-        seen[:, : V.shape[1]] = signals
-    return scaled.transposed_times(orthonormal(seen))
 
 
 def _mean_square_left(energy: FloatArray, seen: FloatArray, signals: FloatArray, basis: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.refinement import Fit, moved, project, refined, significance
 from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
-from fsw.modal.uncertainty import noise_beside
+from fsw.modal.uncertainty import REACH, noise_beside
 from fsw.modal.weighting import ROUNDING, whitening
 
 FloatArray = NDArray[np.float64]
@@ -37,6 +37,11 @@ _LOUD, _LEAST_LOUD = 2.0, 4
 # Poles of one shape nearer than this many 1 / T are one mode, split.
 _SPLIT = 2.0
 _SAME_SHAPE = 0.9
+# The noise beside a mode is a mean, and has never been more than half of this share of the tallest there.
+_TALLEST = 0.5
+# Of modes so many cycles over the record apart, those that have less than this share of what a mode must have can be
+# dropped together: none of them can be needed when another is gone.
+_FAR_BELOW, _APART = 0.5, 6.0
 
 
 class Settled(NamedTuple):
@@ -89,7 +94,7 @@ def _loud(signals: FloatArray) -> NDArray[np.int64]:
 
 
 def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: list[Candidate]) -> Settled:
-    """Refine poles and noise in turn, dropping one by one the modes that the noise explains as well.
+    """Refine poles and noise in turn, dropping the modes that the noise explains as well.
 
     settled: with the modes known so far. It is given back if no fresh one is needed.
     """
@@ -104,9 +109,9 @@ def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: li
         start = plain.weighed(weights)
         fit = refined(start, signals @ weights) if searched else start
         last, step = step, moved(fit, start)
-        drop = _least_needed(time_s, fit)
-        if drop is not None:
-            keep = np.arange(len(fit.poles)) != drop
+        needless = _needless(time_s, fit)
+        if needless:
+            keep = ~np.isin(np.arange(len(fit.poles)), needless)
             known = [c for c, k in zip(known, keep, strict=True) if k]
             if before and not searched and [id(c) for c in known] == [id(c) for c in before]:
                 return settled
@@ -119,37 +124,44 @@ def _settle(time_s: FloatArray, signals: FloatArray, settled: Settled, fresh: li
             searched, span = True, fit.span
 
 
-def _least_needed(time_s: FloatArray, fit: Fit) -> int | None:
-    """The mode to drop next: one of a split pair, or one that noise explains as well; None if all are needed."""
+def _needless(time_s: FloatArray, fit: Fit) -> list[int]:
+    """Modes to drop next: one of a split pair, or those that noise explains as well; none if all are needed."""
     if len(fit.poles) == 0:
-        return None
+        return []
     values = significance(fit)
     for j in map(int, np.argsort(values, kind="stable")):
         near = np.flatnonzero(_cycles_apart(time_s, fit, fit.poles[j]) < _SPLIT)
         stronger = [i for i in map(int, near) if values[i] > values[j] or (values[i] == values[j] and i < j)]
         if any(_split(time_s, fit, j, i) for i in stronger):
-            return j
+            return [j]
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
     gone = (cycles < 1.0) | (np.abs(fit.poles.real) > 0.35 * np.abs(fit.poles.imag))
     if gone.any():
-        return int(np.argmax(gone))
+        return [int(np.argmax(gone))]
     excess = values / _least_statistic(fit.residual.shape[1])
-    worst, least, loudest = None, 1.0, _loudest(fit.residual)
+    ceiling = _most_noise(time_s, fit)
+    own = np.full(len(excess), np.inf)
     for j in map(int, np.argsort(excess, kind="stable")):
-        if excess[j] >= least * loudest:  # whatever noise is beside it
-            break
-        own = float(excess[j]) / max(float(noise_beside(time_s, fit, [j])[0]), 1.0)
-        if own < least:
-            worst, least = j, own
-    return worst
+        if excess[j] < ceiling[j] * max(min(1.0, float(np.min(own))), _FAR_BELOW):
+            own[j] = float(excess[j]) / max(float(noise_beside(time_s, fit, [j])[0]), 1.0)
+    if not np.min(own) < 1.0:
+        return []
+    dropped = [int(np.argmin(own))]
+    for j in map(int, np.flatnonzero(own < _FAR_BELOW)):
+        # What two modes hold between them, each seems not to need.
+        if np.min(_cycles_apart(time_s, fit, fit.poles[j])[dropped]) > _APART:
+            dropped.append(j)
+    return dropped
 
 
-def _loudest(residual: FloatArray) -> float:
-    """More than noise_beside can say of any mode, but 1 at least: what is so strong needs no closer look."""
-    spectrum = scipy.fft.rfft(residual, axis=0)
-    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
-    return max(10.0 * float(np.max(power)) / len(residual), 1.0)
+def _most_noise(time_s: FloatArray, fit: Fit) -> FloatArray:
+    """What noise_beside says of each mode (m,), at most, but 1 at least: what is so strong needs no closer look."""
+    spectrum = scipy.fft.rfft(fit.residual, axis=0)
+    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1) / len(fit.residual)
+    place = np.abs(fit.poles) / (2.0 * np.pi) * float(time_s[-1])
+    beside = [np.max(power[max(k - REACH, 0) : k + REACH + 2], initial=0.0) for k in place.astype(np.int64)]
+    return np.maximum(_TALLEST * np.array(beside), 1.0)
 
 
 @lru_cache

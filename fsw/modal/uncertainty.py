@@ -15,7 +15,7 @@ ComplexArray = NDArray[np.complex128]
 
 # Frequencies beside a mode, in units of 1 / T, at which the residual tells the noise: near enough to feel
 # its colour, but not the line itself, which the fit has emptied.
-_REACH = 11
+REACH = 11
 # A frequency of which the fit leaves less than this share of white noise tells nothing.
 _CLEAR = 0.3
 # Of the two tangents of a pole, one that is shorter than the other by the root of this is none.
@@ -129,7 +129,7 @@ def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
     """
     duration_s, own = float(time_s[-1]), slice(2 * mode, 2 * mode + 2)
     frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
-    steps = np.arange(max(int(np.floor(-frequency_hz * duration_s)) + 1, -_REACH), _REACH + 1)
+    steps = np.arange(max(int(np.floor(-frequency_hz * duration_s)) + 1, -REACH), REACH + 1)
     waves = turning(time_s, frequency_hz + float(steps[0]) / duration_s, 1.0 / duration_s, len(steps))
     waves = waves[:, np.abs(steps) > 1].reshape(-1, len(time_s))
     spanned = np.sum((waves @ fit.orthonormal) ** 2, axis=1).reshape(2, -1).sum(axis=0)
