@@ -71,7 +71,7 @@ def principal_coordinates(
     present = np.isfinite(y)
     often = present.sum(axis=0, dtype=np.int32) > _LEAST_SHARE * len(y)
     live = often & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
-    share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
+    share = (present & live).sum(axis=1, dtype=np.int32) / max(np.count_nonzero(live), 1)
     complete = share >= 1.0
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
     # out.

@@ -129,10 +129,11 @@ def _needless(time_s: FloatArray, fit: Fit) -> list[int]:
     if len(fit.poles) == 0:
         return []
     values = significance(fit)
+    apart = _cycles_apart(time_s, fit, fit.poles[:, None])
     for j in map(int, np.argsort(values, kind="stable")):
-        near = np.flatnonzero(_cycles_apart(time_s, fit, fit.poles[j]) < _SPLIT)
-        stronger = [i for i in map(int, near) if values[i] > values[j] or (values[i] == values[j] and i < j)]
-        if any(_split(time_s, fit, j, i) for i in stronger):
+        near = map(int, np.flatnonzero(apart[j] < _SPLIT))
+        stronger = [i for i in near if values[i] > values[j] or (values[i] == values[j] and i < j)]
+        if any(_split(fit, j, i, float(apart[j, i])) for i in stronger):
             return [j]
     # What is no vibration goes first: no frequency left, or gone within a fraction of a cycle.
     cycles = fit.poles.imag / (2.0 * np.pi) * float(time_s[-1])
@@ -150,7 +151,7 @@ def _needless(time_s: FloatArray, fit: Fit) -> list[int]:
     dropped = [int(np.argmin(own))]
     for j in map(int, np.flatnonzero(own < _FAR_BELOW)):
         # What two modes hold between them, each seems not to need.
-        if np.min(_cycles_apart(time_s, fit, fit.poles[j])[dropped]) > _APART:
+        if np.min(apart[j, dropped]) > _APART:
             dropped.append(j)
     return dropped
 
@@ -175,13 +176,13 @@ def complex_shape(fit: Fit, mode: int) -> ComplexArray:
     return fit.coefficients[2 * mode] - 1j * fit.coefficients[2 * mode + 1]
 
 
-def _cycles_apart(time_s: FloatArray, fit: Fit, s: complex) -> FloatArray:
-    """How many cycles over the record each mode (m,) is apart from a pole."""
+def _cycles_apart(time_s: FloatArray, fit: Fit, s: complex | ComplexArray) -> FloatArray:
+    """How many cycles over the record each mode (m,) is apart from a pole, or from each of more (k, 1)."""
     return np.asarray(np.abs(fit.poles.imag - s.imag) / (2.0 * np.pi) * float(time_s[-1]))
 
 
-def _split(time_s: FloatArray, fit: Fit, a: int, b: int) -> bool:
-    apart = _cycles_apart(time_s, fit, fit.poles[a])[b]
+def _split(fit: Fit, a: int, b: int, apart: float) -> bool:
+    """Whether two modes so many cycles apart are one."""
     return bool(
         apart < 0.05 or (apart < _SPLIT and shape_assurance(complex_shape(fit, a), complex_shape(fit, b)) > _SAME_SHAPE)
     )

@@ -102,7 +102,7 @@ def identify_decay(
             )
         )
     modes = doubted(modes)
-    if not all("not_exponential" in mode.flags for mode in modes):
+    if any(mode.valid for mode in modes):
         agrees = early_part_agrees(time_s, signals, fit, options.drift_degree)[chosen]
         pairs = zip(modes, agrees, strict=True)
         modes = doubted([mode if agree else mode.flagged("not_exponential") for mode, agree in pairs])

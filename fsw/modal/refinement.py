@@ -7,7 +7,7 @@ are: gaps and jitter cost nothing.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,12 +125,18 @@ def spanned(time_s: FloatArray, poles: ComplexArray, drift: FloatArray) -> Span:
     basis[:, count:] = drift
     # LAPACK itself: the search makes so many small factors that what is wrapped round them would cost as much.
     factored, tau, *_ = dgeqrf(basis)
-    Q, R = dorgqr(factored, tau)[0], np.triu(factored[: basis.shape[1]])
+    Q, R = dorgqr(factored, tau)[0], factored[: basis.shape[1]] * _upper(basis.shape[1])
     size = np.abs(np.diagonal(R))
     floor = 1e-12 * float(np.max(size))
     for k in np.flatnonzero(size < floor):
         R[k, k] = np.copysign(floor, R[k, k])
     return Span(time_s, poles, basis, Q, R)
+
+
+@lru_cache
+def _upper(size: int) -> FloatArray:
+    """Ones (size, size) on the diagonal and above."""
+    return np.asfortranarray(np.triu(np.ones((size, size))))
 
 
 def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:

@@ -156,13 +156,14 @@ def _needed(members: list[Candidate], fresh: int, band: Band, group: Group) -> t
     members = list(members)
     doubted = [c.count < _OFTEN and (j < fresh or not c.members) for j, c in enumerate(members)]
     while any(doubted) and len(members) > 1:
-        fewer = {j: without(group, band, j) for j, doubt in enumerate(doubted) if doubt}
-        excess = {j: 2.0 * (group.likelihood - other.likelihood) - _asked(group, j) for j, other in fewer.items()}
+        goals = {j: group.likelihood - 0.5 * _asked(group, j) for j, doubt in enumerate(doubted) if doubt}
+        fewer = {j: without(group, band, j, goal) for j, goal in goals.items()}
+        excess = {j: 2.0 * (goals[j] - other.likelihood) for j, other in fewer.items()}
         if min(excess.values()) > 0.0:
             break
         ties = [j for j in fewer if excess[j] < min(excess.values()) + 2.0 * _TIE]
         least = min(ties, key=lambda j: (members[j].count, members[j].pole.singular_value))
-        group = fewer[least]
+        group = most_likely(band, fewer[least].modes)
         del members[least], doubted[least]
     return members, group
 
@@ -182,7 +183,8 @@ def _is_piece(members: list[Candidate], band: Band, group: Group, mode: int) -> 
     # It stays in the group all the same, for it may stand for what the force is not white by.
     seen = [(c.count, c.pole.singular_value) for c in members]
     before = any(seen[int(j)] > seen[mode] for j in np.flatnonzero(_alike(group, mode)))
-    return before and 2.0 * (group.likelihood - without(group, band, mode).likelihood) < _PIECE_GAIN
+    goal = group.likelihood - 0.5 * _PIECE_GAIN
+    return before and without(group, band, mode, goal).likelihood > goal
 
 
 def _whole(band: Band, group: Group, mode: int, pieces: NDArray[np.bool_]) -> tuple[Group, int]:

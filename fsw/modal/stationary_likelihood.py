@@ -22,8 +22,10 @@ ComplexArray = NDArray[np.complex128]
 _WIDTHS, _SHARE, _BINS = 10.0, 0.06, 16.0
 # With more coefficients than this in all signals a record is cut in pieces that count as independent.
 _MOST_COEFFICIENTS = 128
-# Rounds of Fisher scoring, and trials of a step in each. A round that gains less than this is the last.
+# Rounds of Fisher scoring, and trials of a step in each. A round that gains less than this is the last. Where a goal is
+# all that matters, so is one that gains little beyond it, or so little that as much in all rounds would not reach it.
 _ROUNDS, _TRIALS, _ENOUGH = 14, 4, 1e-4
+_LITTLE, _HOPELESS = 0.05, 40.0
 # The longest step: in the logarithms, in a shape, and in half-power widths of frequency.
 _LOGARITHM, _TURN, _HALF_WIDTHS = 1.0, 0.5, 2.0
 # Bounds of a mode's decay over the record, as its logarithm, from a steady line to nothing that rings.
@@ -89,19 +91,23 @@ def first_guess(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, sh
 
 def most_likely(band: Band, start: Modes) -> Group:
     """The modes that make a band most likely, by Fisher scoring from a first guess."""
-    return Group(*_search(band, start))
+    return Group(*_search(band, start, np.nan))
 
 
-def without(group: Group, band: Band, left_out: int) -> Group:
-    """The modes that make a band most likely with one of a group left out."""
+def without(group: Group, band: Band, left_out: int, goal: float = np.nan) -> Group:
+    """The modes that make a band most likely with one of a group left out.
+
+    goal: log likelihood, if all that matters is whether it is reached; the modes are then not quite the best.
+    """
     f, a, v, shapes, noise = group.modes
     keep = np.arange(len(f)) != left_out
-    return most_likely(band, Modes(f[keep], a[keep], v[keep], np.ascontiguousarray(shapes[:, keep]), noise))
+    start = Modes(f[keep], a[keep], v[keep], np.ascontiguousarray(shapes[:, keep]), noise)
+    return Group(*_search(band, start, goal))
 
 
 @kernel
-def _search(band: Band, start: Modes) -> tuple[Modes, float, FloatArray]:
-    """Modes, log likelihood and information where Fisher scoring from a first guess arrives."""
+def _search(band: Band, start: Modes, goal: float) -> tuple[Modes, float, FloatArray]:
+    """Modes, log likelihood and information where Fisher scoring arrives. goal: as of without, or NaN."""
     modes = start
     now, score, information = likelihood(band, modes)
     caution = 1e-3
@@ -115,7 +121,8 @@ def _search(band: Band, start: Modes) -> tuple[Modes, float, FloatArray]:
                 caution *= 0.1
                 break
             caution = max(10.0 * caution, 1e-2)
-        if now - before < _ENOUGH:
+        gain = now - before
+        if gain < _ENOUGH or goal - now > _HOPELESS * gain or (now > goal and gain < _LITTLE):
             break
     return modes, now, information
 

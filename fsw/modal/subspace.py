@@ -1,6 +1,7 @@
 """Leading singular vectors of large matrices, in a fixed number of rounds."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -113,10 +114,13 @@ def leading_singular(
     return U, s, W @ Q.T
 
 
+@lru_cache(maxsize=8)
 def _chirps(length: int, count: int) -> FloatArray:
     """Columns (length, count) that are spread over all rows and nearly at right angles to each other."""
     i = np.arange(length)[:, None] + 0.5
-    return np.cos(np.pi * i**2 * (2.0 * np.arange(count) + 1.0) / (2.0 * length))
+    chirps = np.cos(np.pi * i**2 * (2.0 * np.arange(count) + 1.0) / (2.0 * length))
+    chirps.flags.writeable = False
+    return chirps
 
 
 def orthonormal(A: FloatArray) -> FloatArray:
