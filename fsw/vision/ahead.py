@@ -17,7 +17,7 @@ from wingbeat.kernels import tick_kernel
 
 Image = NDArray[Any]
 
-MARGIN_PX = 8.0  # to either side of the expected side: half a window
+MARGIN_PX = 6.5  # to either side of the expected side: half a window of 12 pixels, and what it drifts
 PARTS = 6  # in which a side is asked for: it has no more segments
 # Of a side that is steeper than 45 degrees, along image rows; of others, along the cache's lines in a row: what is to
 # be asked for next, the last, and how many at once. And where it is across: PLACE + SLOPE px for each px along.
