@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import fftfreq, irfft2, next_fast_len, rfft2, rfftfreq
 
 from wingbeat.kernels import kernel
 
@@ -17,6 +18,7 @@ LightImage = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 TILES = (6, 8)  # down and across: a glare covers one of them
+_MARGIN_PX = 32  # mirrored round an image whose frequencies are altered: its far side is no neighbour
 _HALO = 0.35  # of full scale, at the rim of a glint; it fades over the glint's radius
 
 
@@ -74,14 +76,20 @@ def hot_rows(light: LightImage, rows: NDArray[np.int64]) -> Mask:
     return mask
 
 
-def smear(light: LightImage, along_px: FloatArray, samples: int = 9) -> None:
-    """Blur by a steady motion along_px (2,) during the exposure, the image being that of its middle."""
+def smear(light: LightImage, along_px: FloatArray) -> None:
+    """Blur by a steady motion along_px (2,) during the exposure, the image being that of its middle.
+
+    A uniform motion multiplies each frequency f by sinc(f . along). Between pixels, by interpolation, edges would come
+    out some mpx off, by where in a pixel they lie.
+    """
     height, width = light.shape
-    total = np.zeros_like(light)
-    for share in (np.arange(samples) + 0.5) / samples - 0.5:
-        move = np.array([[1.0, 0.0, share * along_px[0]], [0.0, 1.0, share * along_px[1]]])
-        total += cv2.warpAffine(light, move, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    light[:] = total / samples
+    wide = [next_fast_len(n + 2 * _MARGIN_PX, real=True) for n in light.shape]
+    after = wide[0] - height - _MARGIN_PX, wide[1] - width - _MARGIN_PX
+    spectrum = rfft2(np.pad(light, ((_MARGIN_PX, after[0]), (_MARGIN_PX, after[1])), mode="reflect"))
+    turns = fftfreq(wide[0])[:, None] * along_px[1] + rfftfreq(wide[1]) * along_px[0]
+    spectrum *= np.sinc(turns).astype(np.float32)
+    inside = slice(_MARGIN_PX, _MARGIN_PX + height), slice(_MARGIN_PX, _MARGIN_PX + width)
+    light[:] = irfft2(spectrum, wide)[inside]
 
 
 def expose(

@@ -206,6 +206,18 @@ def test_motion_blur_keeps_the_place_of_the_exposures_middle() -> None:
     assert 0.1 < row[28] < 0.4 and 0.6 < row[31] < 0.9
 
 
+@pytest.mark.parametrize("smear_px", [1.0, 1.95, 4.0])
+@pytest.mark.parametrize("place", [0.0, 0.3])
+def test_motion_blur_of_an_edge_is_exact_wherever_in_a_pixel_it_lies(place: float, smear_px: float) -> None:
+    sigma = 0.7
+    x = np.arange(80) - 40.0 - place
+    light = np.tile(ndtr(x / sigma).astype(np.float32), (40, 1))
+    smear(light, np.array([smear_px, 0.0]))
+    ends = [(x + sign * smear_px / 2.0) / sigma for sign in (1.0, -1.0)]
+    upper, lower = (sigma * (z * ndtr(z) + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)) for z in ends)
+    assert light[20] == pytest.approx((upper - lower) / smear_px, abs=2e-3)  # 8e-3 by cubic interpolation
+
+
 def test_noise_is_shot_and_read_noise() -> None:
     light = np.full((400, 400), 0.5, np.float32)
     for factor in (1.0, 5.0):
