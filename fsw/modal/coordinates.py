@@ -105,21 +105,19 @@ def _project(
     Fills the gaps of y. Passes over all channels are what costs: each round makes two, and the one that tells the noise
     begins the next round's iteration.
     """
-    energy = power(y)
-    overall = max(float(np.sqrt(np.mean(energy) / len(y))), 1e-300)
     ranks = [count]
     if known is None:
-        start, scale = None, np.full(y.shape[1], overall)
+        start, scale = None, np.full(y.shape[1], _rms(power(y), len(y)))
         ranks = [*(rank for rank in _FILLING if rank < count and len(gaps)), count]
     else:
         start, scale = known.start(count), known.scale
     for rank in ranks:
         left, signals, V = _fitted(Scaled(y, scale), gaps, rank, count, start)
-        energy = power(y) if len(gaps) else energy
+        energy = power(y)
         seen = transposed_times(y, np.hstack([signals, left[:, rank:]]))
         noise = np.sqrt(_mean_square_left(energy, seen[:, :rank], signals, V * scale[:, None]))
         # No channel may claim to be much better than the others: the fit would chase it.
-        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
+        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * _rms(energy, len(y))))
         start = seen / scale[:, None]
     _, signals, V = _fitted(Scaled(y, scale), gaps, count, count, start)
     return signals, V, scale
@@ -134,6 +132,11 @@ def _fitted(
     if len(gaps):
         fill_through(scaled, gaps, signals, V)
     return U, signals, V
+
+
+def _rms(energy: FloatArray, samples: int) -> float:
+    """Root mean square of channels with this sum of squares (L,) each, above zero."""
+    return max(float(np.sqrt(np.mean(energy) / samples)), 1e-300)
 
 
 def _mean_square_left(energy: FloatArray, seen: FloatArray, signals: FloatArray, basis: FloatArray) -> FloatArray:
