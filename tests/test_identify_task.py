@@ -71,7 +71,7 @@ def identified(time_s: FloatArray, xyz: FloatArray, every: int) -> list[tuple[fl
     return results
 
 
-@pytest.mark.requirement("WB-MOD-06")
+@pytest.mark.requirement("WB-MOD-11")
 def test_blows_of_a_loose_panel_are_no_steady_noise_and_neither_is_what_ends_within_the_record() -> None:
     for seed in range(6):
         time_s, xyz = flight(seed, LOOSE_S[1] + 25.0)
@@ -81,7 +81,7 @@ def test_blows_of_a_loose_panel_are_no_steady_noise_and_neither_is_what_ends_wit
             assert not is_steady(principal_coordinates(time_s[piece], y[piece], 12))
 
 
-@pytest.mark.requirement("WB-MOD-06")
+@pytest.mark.requirement("WB-MOD-11")
 @pytest.mark.parametrize(
     ("duration_s", "rate_hz", "missing"), [(10.0, 15.0, 0.0), (30.0, 15.0, 0.05), (10.0, 46.0, 0.0)]
 )
@@ -93,7 +93,7 @@ def test_white_force_is_steady_noise(duration_s: float, rate_hz: float, missing:
         assert is_steady(principal_coordinates(time_s[there], y[there], 12))
 
 
-@pytest.mark.requirement("WB-MOD-06")
+@pytest.mark.requirement("WB-MOD-11")
 @pytest.mark.parametrize("seed", [1, 3])
 def test_what_a_loose_panel_feigns_is_not_believed_and_what_was_known_before_comes_back(seed: int) -> None:
     results = identified(*flight(seed, 90.0), every=20)
