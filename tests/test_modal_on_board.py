@@ -134,6 +134,17 @@ def test_what_is_known_of_the_record_before_changes_the_result_by_less_than_its_
             assert a.amplitude == pytest.approx(b.amplitude, rel=0.05)
 
 
+def test_begun_with_what_was_known_a_record_that_grows_has_no_other_modes_though_noise_is_a_thirty_thousandth():
+    """What the gaps' guesses are off by must not be left in the directions, where it would look like modes."""
+    time_s, y = flight(300, 2, noise_mm=3e-4, echo=0.0)
+    known = None
+    for ticks in range(30, 301, 10):
+        piece = (y[:ticks] - np.nanmean(y[:ticks], axis=0)).astype(np.float32)
+        result = identify(time_s[:ticks], piece, overwrite=True, whole=True, known=known)
+        known = result.subspace
+        assert all(min(abs(m.frequency_hz - hz) for hz in (0.7146, 2.31, 4.37)) < 0.02 for m in result.modes)
+
+
 def test_a_mode_that_nothing_known_tells_of_is_found_in_the_first_record_that_has_it():
     modes, rate_hz, points, noise_mm = ON_BOARD
     time_s = np.arange(round(6.0 * rate_hz)) / rate_hz

@@ -8,7 +8,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from fsw.modal.channels import Channels, Scaled, chosen, power, transposed_times
 from fsw.modal.gaps import fill_in_time, fill_through
-from fsw.modal.subspace import Subspace, leading_singular
+from fsw.modal.subspace import Subspace, leading_singular, orthonormal
 
 FloatArray = NDArray[np.float64]
 
@@ -69,9 +69,8 @@ def principal_coordinates(
     the other channels through the coordinates themselves. known: of a record that overlaps with this one.
     """
     present = np.isfinite(y)
-    often = present.sum(axis=0, dtype=np.int32) > _LEAST_SHARE * len(y)
-    live = often & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
-    share = (present & live).sum(axis=1, dtype=np.int32) / max(np.count_nonzero(live), 1)
+    live = (present.mean(axis=0) > _LEAST_SHARE) & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
+    share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
     complete = share >= 1.0
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
     # out.
@@ -86,7 +85,7 @@ def principal_coordinates(
     if len(gaps):
         fill_in_time(stamps, y, present)
     del present
-    y -= y.mean(axis=0, dtype=np.float64).astype(y.dtype)
+    y -= y.mean(axis=0, dtype=np.float64)
     if y.shape[1] <= count:
         scale = y.std(axis=0, dtype=np.float64)
         signals, basis, subspace = y / scale, np.diag(scale), None
@@ -105,19 +104,21 @@ def _project(
     Fills the gaps of y. Passes over all channels are what costs: each round makes two, and the one that tells the noise
     begins the next round's iteration.
     """
+    energy = power(y)
+    overall = max(float(np.sqrt(np.mean(energy) / len(y))), 1e-300)
     ranks = [count]
     if known is None:
-        start, scale = None, np.full(y.shape[1], _rms(power(y), len(y)))
+        start, scale = None, np.full(y.shape[1], overall)
         ranks = [*(rank for rank in _FILLING if rank < count and len(gaps)), count]
     else:
-        start, scale = known.start(count), known.scale
+        start, scale = _begin(y, gaps, count, known), known.scale
     for rank in ranks:
         left, signals, V = _fitted(Scaled(y, scale), gaps, rank, count, start)
-        energy = power(y)
+        energy = power(y) if len(gaps) else energy
         seen = transposed_times(y, np.hstack([signals, left[:, rank:]]))
         noise = np.sqrt(_mean_square_left(energy, seen[:, :rank], signals, V * scale[:, None]))
         # No channel may claim to be much better than the others: the fit would chase it.
-        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * _rms(energy, len(y))))
+        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
         start = seen / scale[:, None]
     _, signals, V = _fitted(Scaled(y, scale), gaps, count, count, start)
     return signals, V, scale
@@ -134,9 +135,15 @@ def _fitted(
     return U, signals, V
 
 
-def _rms(energy: FloatArray, samples: int) -> float:
-    """Root mean square of channels with this sum of squares (L,) each, above zero."""
-    return max(float(np.sqrt(np.mean(energy) / samples)), 1e-300)
+def _begin(y: Channels, gaps: NDArray[np.int32], count: int, known: Subspace) -> FloatArray:
+    """Vectors (L, k) to begin with, from what is known; fills the gaps of y."""
+    scaled, start = Scaled(y, known.scale), known.start(count)
+    seen = scaled.times(start)
+    if len(gaps):
+        V = np.ascontiguousarray(known.directions[:, :count])
+        fill_through(scaled, gaps, signals := seen[:, : V.shape[1]].copy(), V)
+        seen[:, : V.shape[1]] = signals
+    return scaled.transposed_times(orthonormal(seen))
 
 
 def _mean_square_left(energy: FloatArray, seen: FloatArray, signals: FloatArray, basis: FloatArray) -> FloatArray:
