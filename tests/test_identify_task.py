@@ -15,6 +15,7 @@ from fsw.tables.flight import load_flight
 from fsw.tasks.identify import Identify
 from fsw.tasks.state import Pair, State
 from sim.bench.modal_records import AMBIENT, stationary
+from sim.campaign_judge import SHARE, SIGMAS
 from sim.motion import Oscillator
 from sim.surrogate_flap import Flap
 from sim.surrogate_motion import ModalMotion
@@ -46,8 +47,8 @@ def flight(seed: int, seconds: float) -> tuple[FloatArray, FloatArray]:
 
 
 def misleads(mode: Mode) -> bool:
-    """As the campaign judges: by more than three deviations and half a per cent."""
-    off = [abs(mode.frequency_hz - hz) - max(3.0 * mode.frequency_sigma_hz, 0.005 * hz) for hz in HZ]
+    """As the campaign judges what was sent."""
+    off = [abs(mode.frequency_hz - hz) - max(SIGMAS * mode.frequency_sigma_hz, SHARE * hz) for hz in HZ]
     return mode.valid and min(off) > 0.0
 
 
