@@ -11,10 +11,8 @@ from fsw.vision.enhancement import char
 from fsw.vision.matching import (
     SAME,
     count_correct,
-    describe,
-    fit_homography,
     make_matching,
-    match_descriptors,
+    match_views,
     queue_variance,
 )
 from fsw.vision.quality import comprehensive, match_quality
@@ -61,13 +59,11 @@ class Match:
 
     def _measure(self) -> None:
         state, work, tracker = self._state, self._work, self._state.tracker
-        for eye in (LEFT, RIGHT):
-            H, expected = work.to_wing[eye], tracker.expected_centre_px[eye]
-            fit_homography(expected, self._flat_mm, tracker.wanted, work.matrix, work.right, H)
-            found, centre = tracker.cells[eye].found, tracker.centre_px[eye]
-            describe(centre, found, H, self._boundary_mm, work.descriptor_mm[eye])
+        expected = tracker.expected_centre_px, self._flat_mm, tracker.wanted
+        found = tracker.cells[LEFT].found, tracker.cells[RIGHT].found
+        on_wing = self._boundary_mm, self._pitch_mm
+        match_views(*expected, tracker.centre_px, found, *on_wing, work, state.matched)
         detected = tracker.both_found()
-        match_descriptors(work, self._pitch_mm, state.matched)
         if self.table.method == "paper":
             self._as_printed()
         side_px = tracker.cell_side_px(RIGHT)

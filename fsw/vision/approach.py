@@ -17,18 +17,17 @@ from fsw.vision.bridging import (
     SURPRISE,
     SWING_MM,
     TRIED_CELLS,
-    carry,
-    confirmed,
     step_of,
     swing,
     swing_step_mm,
 )
 from fsw.vision.edges import FloatArray, Image
-from fsw.vision.fitting import Normal, settle
+from fsw.vision.fitting import Normal
 from fsw.vision.grid import CellGrid, line_ratios
-from fsw.vision.prediction import FEW, UNKNOWNS, Surface, expect
+from fsw.vision.meeting import Lines, expect_lines, meet_lines, see_lines, try_place
+from fsw.vision.prediction import FEW, UNKNOWNS, Surface
 from fsw.vision.rig import Eyes
-from fsw.vision.search import look, make_sightings
+from fsw.vision.search import make_sightings
 
 
 class Approach:
@@ -40,14 +39,14 @@ class Approach:
 
     def __init__(self, grid: CellGrid, eyes: Eyes, surface: Surface, normal: Normal) -> None:
         count = grid.count
-        self.expected_px = np.zeros((2, count, 4, 2))
+        self.expected_px, self.deviation_px = np.zeros((2, 2, count, 4, 2))
         self.expected_centre_px = np.zeros((2, count, 2))
         self.in_view = np.zeros((2, count), dtype=np.bool_)
         self.wanted = np.zeros(count, dtype=np.bool_)
-        self.deviation_px = np.zeros((2, count, 4, 2))
         self.surface, self.eyes, self._normal = surface, eyes, normal
         self.line_ratio, self.bordering = line_ratios(grid), np.ascontiguousarray(grid.neighbour < 0)
-        self.sightings = make_sightings(count)
+        expected = self.expected_px, self.expected_centre_px, self.in_view, self.wanted, self.deviation_px
+        self.lines = Lines(*expected, self.line_ratio, self.bordering, make_sightings(count))
         self._sign = 1.0 if grid.dark else -1.0
         self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
         self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
@@ -94,15 +93,15 @@ class Approach:
         if not found:
             best = self._search(left, right, best, enough)
         # What the few unknowns of a trial cannot follow, all of them do, now that every line is the right one.
-        if found and self._moved_px <= MET_PX:
-            settle(self.surface, self.eyes, self.sightings, UNKNOWNS, self._normal)
-        else:
-            self._meet(left, right, self._looked_step, UNKNOWNS, NEAR_PX if best < enough else MET_PX)
+        if not found or self._moved_px > MET_PX:
+            within_px = NEAR_PX if best < enough else MET_PX
+            step = self._looked_step
+            see_lines(left, right, self.surface, self.eyes, self.lines, self._sign, step, within_px)
+        meet_lines(self.surface, self.eyes, self.lines, UNKNOWNS, self._normal)
         if not found:
             self._moved_px = NEAR_PX  # whatever the trials moved it by
         self._before[:] = self._origin
         self._share = best
-        self._expect()
 
     def thin(self) -> None:
         """Want every other cell only, as on a chessboard: half of them tell of blur and widths well enough."""
@@ -123,7 +122,7 @@ class Approach:
             best = self._try(self._trial, left, right, best, enough, step)
         if best < enough:
             now[:] = self._origin
-            self._expect()
+            expect_lines(self.surface, self.eyes, self.lines)
             step_mm = swing_step_mm(self.surface, self.eyes, self.expected_px, self.wanted, self._swing)
             steps = int(min(SWING_MM / step_mm, MOST_STEPS)) if step_mm > 0.0 else 0
             for i in range(1, steps + 1):
@@ -151,40 +150,9 @@ class Approach:
         enough: less, and the lines are looked for again from where the first look has moved the surface to.
         """
         self.surface.unknowns[:] = trial
-        self._meet(left, right, step, FEW, within_px)
-        self._expect(step)
-        self._moved_px = carry(self.sightings, self.expected_px)
-        share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
-        if share < enough:
-            self._look(left, right, step, NEAR_PX)
-            share = confirmed(self.sightings, self.expected_px, self.wanted, self.bordering, step)
+        where = self.surface, self.eyes, self.lines
+        share, self._moved_px = try_place(left, right, *where, self._sign, step, FEW, within_px, enough, self._normal)
         if share > best:
             self._best[:] = self.surface.unknowns
             return float(share)
         return best
-
-    def _meet(self, left: Image, right: Image, step: int, unknowns: int, within_px: float = math.inf) -> None:
-        """Look at every step-th cell's lines, and move so many unknowns of the surface to meet them."""
-        self._expect(step)
-        self._look(left, right, step, within_px)
-        settle(self.surface, self.eyes, self.sightings, unknowns, self._normal)
-
-    def _expect(self, step: int = 1) -> None:
-        expect(self.surface, self.eyes, self.expected_px, self.expected_centre_px, self.in_view, step)
-        np.logical_and(self.in_view[0], self.in_view[1], out=self.wanted)
-        np.add(self.expected_px, self.deviation_px, out=self.expected_px)
-
-    def _look(self, left: Image, right: Image, step: int, within_px: float) -> None:
-        look(
-            left,
-            right,
-            self.eyes,
-            self.expected_px,
-            self.wanted,
-            self.line_ratio,
-            self.bordering,
-            self._sign,
-            step,
-            within_px,
-            self.sightings,
-        )

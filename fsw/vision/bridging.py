@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fsw.vision.edges import FloatArray
 from fsw.vision.grid import CellGrid
 from fsw.vision.prediction import BENDING, RIGID, UNKNOWNS, Surface, locate
-from fsw.vision.rig import Eyes, project
+from fsw.vision.rig import Eyes, norm, project
 from fsw.vision.search import SEARCH, SIDES_SEARCHED, Sightings
 from wingbeat.kernels import tick_kernel
 
@@ -91,7 +91,7 @@ def confirmed(seen: Sightings, corners_px: FloatArray, in_view: BoolArray, borde
                 if math.isnan(offset):
                     continue
                 far = 1 if side == 1 else 3
-                gate = max(MEETS_PX, MEETS * math.hypot(c[far, 0] - c[0, 0], c[far, 1] - c[0, 1]))
+                gate = max(MEETS_PX, MEETS * norm(c[far, 0] - c[0, 0], c[far, 1] - c[0, 1]))
                 near += 1.0 / (1.0 + (offset / gate) ** 2)
     return near / asked if asked > 0 else 0.0
 

@@ -86,7 +86,7 @@ class Scratch(NamedTuple):
     pooled: FloatArray  # (POOLED_ROWS, 3) and of all edges that were good
     templates: Templates
     strips: Strips
-    ahead: FloatArray  # (6,) see `look_ahead`
+    ahead: NDArray[np.int64]  # (7,) see `look_ahead`
     quad: Quad
     sizes: FloatArray  # (2, SIZE_SUMS) of the whole cells' extents, see standing_in
 

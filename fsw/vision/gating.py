@@ -10,6 +10,7 @@ from fsw.vision.edges import FloatArray
 from fsw.vision.fitting import GATE_SIGMAS
 from fsw.vision.grid import CellGrid, IntArray
 from fsw.vision.prediction import Surface
+from fsw.vision.rig import norm
 from fsw.vision.stereo import Points
 from wingbeat.kernels import tick_kernel
 
@@ -64,8 +65,8 @@ def mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float
     for n in range(wanted.shape[0]):
         if wanted[n]:
             c = corners_px[n]
-            along_x += math.hypot(c[1, 0] - c[0, 0], c[1, 1] - c[0, 1])
-            along_y += math.hypot(c[3, 0] - c[0, 0], c[3, 1] - c[0, 1])
+            along_x += norm(c[1, 0] - c[0, 0], c[1, 1] - c[0, 1])
+            along_y += norm(c[3, 0] - c[0, 0], c[3, 1] - c[0, 1])
             count += 1
     return along_x / max(count, 1), along_y / max(count, 1)
 

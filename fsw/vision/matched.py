@@ -10,6 +10,7 @@ from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
 from fsw.vision.lanes import LANES
+from fsw.vision.rig import norm
 from fsw.vision.sides import (
     CLIPPED_SHARE,
     MIN_CONTRAST,
@@ -72,7 +73,7 @@ def match_strips(
     noise: FloatArray,
     sums: FloatArray,
     image: Image,
-    ahead: FloatArray,
+    ahead: NDArray[np.int64],
 ) -> None:
     """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
 
@@ -148,7 +149,7 @@ def match_segments(
     noise, taps = scratch.templates.noise, scratch.templates.taps[row]
     square, cube = scratch.templates.bent[row, 0], scratch.templates.bent[row, 1]
     dx, dy = end[0] - start[0], end[1] - start[1]
-    length = math.hypot(dx, dy)
+    length = norm(dx, dy)
     inset = inset_px(length, lens.blur_px, lean_px) / length
     near, far = (start[0] + inset * dx, start[1] + inset * dy), (end[0] - inset * dx, end[1] - inset * dy)
     vertical, gain, begin, stop, curve = follow(near, far, normal, intrinsics, distortion)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, solve
+from fsw.vision.rig import norm
 from wingbeat.kernels import tick_kernel
 
 BoolArray = NDArray[np.bool_]
@@ -139,6 +140,30 @@ def match_descriptors(work: Matching, pitch_mm: FloatArray, matched: BoolArray) 
 
 
 @tick_kernel
+def match_views(
+    expected_px: FloatArray,
+    flat_mm: FloatArray,
+    wanted: BoolArray,
+    centre_px: FloatArray,
+    found: tuple[BoolArray, BoolArray],
+    boundary_mm: FloatArray,
+    pitch_mm: FloatArray,
+    work: Matching,
+    matched: BoolArray,
+) -> int:
+    """Describe both eyes' found cells in their equivalent views, and match them; returns the number of matches.
+
+    expected_px (2, N, 2): centres of the wanted cells (N,), which lie at flat_mm (N, 2) on the wing: they make the
+    equivalent views. centre_px (2, N, 2): as measured. The rest as for `describe` and `match_descriptors`.
+    """
+    for eye in range(2):
+        H = work.to_wing[eye]
+        fit_homography(expected_px[eye], flat_mm, wanted, work.matrix, work.right, H)
+        describe(centre_px[eye], found[eye], H, boundary_mm, work.descriptor_mm[eye])
+    return match_descriptors(work, pitch_mm, matched)
+
+
+@tick_kernel
 def count_correct(work: Matching, left_px: FloatArray, right_px: FloatArray, matched: BoolArray, side_px: float) -> int:
     """Matches that the homography of all matches confirms (Eq. 26-29), within CORRECT of a cell's smaller side."""
     if not fit_homography(left_px, right_px, matched, work.matrix, work.right, work.left_to_right):
@@ -147,7 +172,7 @@ def count_correct(work: Matching, left_px: FloatArray, right_px: FloatArray, mat
     for n in range(matched.shape[0]):
         if matched[n]:
             u, v = _apply(work.left_to_right, left_px[n, 0], left_px[n, 1])
-            count += math.hypot(u - right_px[n, 0], v - right_px[n, 1]) < CORRECT * side_px
+            count += norm(u - right_px[n, 0], v - right_px[n, 1]) < CORRECT * side_px
     return count
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
+from fsw.vision.rig import norm
 from wingbeat.kernels import tick_kernel
 
 OWN_SHARE = 0.45  # of a cell's extent: what lies as near to a side is its own, not the side across's
@@ -39,7 +40,7 @@ def side_normal(c: FloatArray, k: int) -> tuple[float, float, float]:
     """Length of side k of a quadrangle c (4, 2), and its unit normal: outwards where the corners turn from x to y."""
     k1 = (k + 1) % 4
     ex, ey = c[k1, 0] - c[k, 0], c[k1, 1] - c[k, 1]
-    length = math.hypot(ex, ey)
+    length = norm(ex, ey)
     return length, ey / length, -ex / length
 
 
@@ -94,7 +95,7 @@ def mean_gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> f
         if wanted[n]:
             c, k1 = expected_px[n, row], expected_px[n, row + 1]
             ex, ey = abs(k1[0] - c[0]), abs(k1[1] - c[1])
-            gain += max(ex, ey) / math.hypot(ex, ey)
+            gain += max(ex, ey) / norm(ex, ey)
             count += 1
     return gain / count if count > 0 else 1.0
 

@@ -1,5 +1,6 @@
 """The stereo rig as arrays, and the pinhole camera with lens distortion (OpenCV's conventions)."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -101,6 +102,12 @@ def image_point(eyes: Eyes, eye: int, u: float, v: float) -> tuple[bool, float, 
     x, y, _, _, _, _ = distort_point(u, v, eyes.intrinsics[eye], eyes.distortion[eye])
     inside = 0.0 <= x <= eyes.size[eye, 0] - 1.0 and 0.0 <= y <= eyes.size[eye, 1] - 1.0
     return inside, x, y
+
+
+@tick_kernel
+def norm(x: float, y: float) -> float:
+    """Length of a vector in the plane. The library's guards against overflow, at ten times the cost."""
+    return math.sqrt(x * x + y * y)
 
 
 @tick_kernel

@@ -1,13 +1,12 @@
 """The quick look: find the lines near where they are expected, in both eyes."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, Image
-from fsw.vision.rig import Eyes, image_point
+from fsw.vision.rig import Eyes, image_point, norm
 from fsw.vision.sides import MIN_CONTRAST
 from wingbeat.kernels import inline_kernel, tick_kernel
 
@@ -58,7 +57,7 @@ def find_line(
     Returns (found, offset of the line outwards in ideal pixels, outward normal).
     """
     a, b, c, d = corners[side], corners[(side + 1) % 4], corners[(side + 2) % 4], corners[(side + 3) % 4]
-    length = math.hypot(b[0] - a[0], b[1] - a[1])
+    length = norm(b[0] - a[0], b[1] - a[1])
     nx, ny = (b[1] - a[1]) / length, -(b[0] - a[0]) / length
     extent = 0.5 * ((a[0] + b[0] - c[0] - d[0]) * nx + (a[1] + b[1] - c[1] - d[1]) * ny)
     if extent < 0.0:

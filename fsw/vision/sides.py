@@ -19,7 +19,7 @@ from fsw.vision.edges import (
 )
 from fsw.vision.hot import LEAST_LINE_PX
 from fsw.vision.profile import fit_profile
-from fsw.vision.rig import Eyes, distort_point
+from fsw.vision.rig import Eyes, distort_point, norm
 from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_PX = 12.0  # a segment shorter than this has too few pixels to judge
@@ -49,14 +49,12 @@ class Lens(NamedTuple):
     noise: FloatArray
 
 
-def lenses_of(eyes: Eyes, eye: int, blur_px: FloatArray, steps: FloatArray, noise: FloatArray) -> tuple[Lens, Lens]:
-    """An eye as it sees sides along X, and along Y; blur_px (2,): its lens's; steps (2, STEP_ROWS, 3): written."""
-    lenses = []
-    for blur, step in zip(blur_px, steps, strict=True):
-        tabulate_step(float(blur), step)
-        whole = math.sqrt(blur * blur + PIXEL_VARIANCE)
-        lenses.append(Lens(eyes.intrinsics[eye], eyes.distortion[eye], whole, step, noise))
-    return lenses[0], lenses[1]
+@tick_kernel
+def lens_of(eyes: Eyes, eye: int, blur_px: float, step: FloatArray, noise: FloatArray) -> Lens:
+    """An eye whose lens blurs by blur_px across sides along X, or along Y; step (STEP_ROWS, 3): written."""
+    tabulate_step(blur_px, step)
+    whole = math.sqrt(blur_px * blur_px + PIXEL_VARIANCE)
+    return Lens(eyes.intrinsics[eye], eyes.distortion[eye], whole, step, noise)
 
 
 @tick_kernel
@@ -101,7 +99,7 @@ def fit_segments(
     ends; 0: none. lean_px: see inset_px.
     """
     blur = lens.blur_px
-    length = math.hypot(end[0] - start[0], end[1] - start[1])
+    length = norm(end[0] - start[0], end[1] - start[1])
     inset = inset_px(length, blur, lean_px)
     pieces = int(min(float(SEGMENTS), max(2.0, (length - 2.0 * inset) / SEGMENT_PX)))
     # Short sides have few columns: take more of them.

@@ -7,30 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
-from fsw.vision.blur import STEP_ROWS
-from fsw.vision.bow import fit_kinks, make_bow, tilt_extents, unbend
+from fsw.vision.bow import make_bow
 from fsw.vision.corners import view_cells
-from fsw.vision.edges import COMMON, FloatArray, Image, make_scratch
-from fsw.vision.fitting import fit_surface, make_normal, measure_distance
-from fsw.vision.gating import (
-    Slip,
-    count,
-    deviate,
-    gate_columns,
-    gate_points,
-    gate_residuals,
-    mean_sides,
-    rms,
-)
+from fsw.vision.edges import COMMON, FloatArray, Image
+from fsw.vision.fitting import make_normal
+from fsw.vision.gating import Slip, count, mean_sides, rms
 from fsw.vision.grid import CellGrid
-from fsw.vision.prediction import expect_again, make_surface, set_pose
-from fsw.vision.quads import measure_cells
+from fsw.vision.prediction import make_surface, set_pose
+from fsw.vision.reconstruction import make_pair, reconstruct_points
 from fsw.vision.rig import StereoRig, eyes_of
-from fsw.vision.settling import LEAST_NOISE, adapt, correct, learn_noise, widen_unsettled
-from fsw.vision.sides import lenses_of
-from fsw.vision.sizes import ROWS_BEHIND, WORK, widen_odd_sizes
+from fsw.vision.settling import LEAST_NOISE
 from fsw.vision.standing_in import SHAPE_SIGMA, drop_unseen, forget_size
-from fsw.vision.stereo import Points, make_points, retriangulate_cells, triangulate_cells
+from fsw.vision.stereo import Points, make_points
+from fsw.vision.view import View, make_memory, measure_view
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
 START_PASSES = 8  # measurements that a start takes, at most, until they are settled: corrections taken over whole,
@@ -72,23 +61,18 @@ class Tracker:
         pixels = self.corners_px, self.centre_px, self.covariance_px2
         self.cells = view_cells(0, *pixels), view_cells(1, *pixels)
         self.points: Points = make_points(count)
-        self.distance_mm = np.full(count, np.nan)
         self.blur_px = np.full((2, 2), options.blur_px)
         self.width_scale = np.ones((2, 2))
         self.noise, self.cell_size = np.zeros((2, 2)), np.zeros((2, 2, 2))
         self._forget_sizes()
-        self._scratch = (make_scratch(), make_scratch())
-        self._steps = np.zeros((2, 2, STEP_ROWS, 3))
-        self._correction = np.zeros((2, COMMON))  # of blur and widths, as this tick's edges have it
-        self._sizes = np.zeros((2, count + ROWS_BEHIND, WORK))
-        self._tilted_px = np.zeros((2, count, 2))
-        self._odd = np.zeros(count, dtype=np.bool_)
+        self._correction = np.zeros((2, COMMON))
+        self._views = self._view(0), self._view(1)
+        expected = self.expected_px, self.deviation_px, self.blur_px
+        self._pair = make_pair(self.cells, pixels, expected, self.bordering, grid.column)
         self._slip = Slip(grid, self.surface)
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
-        self._column = grid.column
         self._order = np.lexsort((grid.column, grid.cell[:, 2]))  # row by row
-        self._work = np.zeros((int(grid.column[-1]) + 1, 2))
 
     def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
         """Expect the wing, flat and at rest, in this pose."""
@@ -126,6 +110,12 @@ class Tracker:
         self.cell_size[:] = scout.cell_size
         self.noise[:] = scout.noise
 
+    def _view(self, eye: int) -> View:
+        """One eye's share of the arrays."""
+        expected = self.expected_px[eye], self.deviation_px[eye], self.line_ratio, self.bordering
+        learnt = self.width_scale[eye], self.cell_size[eye], self.blur_px[eye], self.noise[eye], self._correction[eye]
+        return View(*expected, *learnt, self.cells[eye], *make_memory())
+
     def _forget_sizes(self) -> None:
         for eye in (0, 1):
             forget_size(self.cell_size[eye])
@@ -146,46 +136,23 @@ class Tracker:
 
         None does once the surface has slipped: no wing moves half a cell in its plane, but a grid looks the same there.
         """
-        points = self.points
-        gates_px = reprojection_gate_px, epipolar_gate_px
-        triangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, matched, points)
-        gate_residuals(points, *gates_px)
-        xyz, sigma, valid = points.xyz_mm, points.sigma_mm, points.valid
-        gate_mm = fit_surface(self.surface, xyz, sigma, valid, self._widest_mm, self._normal, self.distance_mm)
-        stand = self._gate(gate_mm)
-        expect_again(self.surface, self.eyes, self.wanted, self.expected_px)
-        fit_kinks(self.surface, points, self._bow)
-        if self._judge_sizes(matched, *gates_px):
-            stand = self._gate(gate_mm)
-        unbend(self.surface, self.eyes, self.expected_px, self.covariance_px2, self.blur_px, self._bow, points)
-        for eye in (0, 1):
-            deviate(self.cells[eye], self.expected_px[eye], valid, self.deviation_px[eye])
+        stand = reconstruct_points(
+            self.eyes,
+            self.surface,
+            self._normal,
+            self._bow,
+            self._pair,
+            matched,
+            self.wanted,
+            reprojection_gate_px,
+            epipolar_gate_px,
+            self._widest_mm,
+            self.points,
+        )
         if self._slip.far():
             self.discard()
             return 0
-        return stand
-
-    def _gate(self, gate_mm: float) -> int:
-        """Take validity from what lies off the surface, points and whole columns; returns how many points stand."""
-        gate_points(self.points, self.distance_mm, gate_mm, self._widest_mm)
-        return int(gate_columns(self.points, self.distance_mm, self._column, self._work))
-
-    def _judge_sizes(self, matched: NDArray[np.bool_], reprojection_gate_px: float, epipolar_gate_px: float) -> bool:
-        """Triangulate matched cells of odd sizes once more, by what they are worth; returns whether there are any."""
-        points, odd, cells = self.points, self._odd, self.cells
-        tilt_extents(self.surface, self.eyes, self.expected_px, self.wanted, self._bow, self._tilted_px)
-        odd[:] = False
-        for eye in (0, 1):
-            expected, tilted = self.expected_px[eye], self._tilted_px[eye]
-            widen_odd_sizes(expected, tilted, self.bordering, self._sizes[eye], cells[eye], odd)
-        np.logical_and(odd, matched, out=odd)
-        retriangulate_cells(self.eyes, self.corners_px, self.centre_px, self.covariance_px2, odd, points)
-        for eye in (0, 1):
-            np.logical_and(points.valid, cells[eye].found, out=points.valid)
-        # Also where none is odd: what does not run at INIT would be compiled in the first tick that has one.
-        gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
-        measure_distance(self.surface, points, odd, self.distance_mm)
-        return bool(count(odd) > 0)
+        return int(stand)
 
     def discard(self) -> None:
         """Let no point of this frame stand."""
@@ -228,23 +195,5 @@ class Tracker:
         self._approach.close()
 
     def _measure(self, eye: int, image: Image) -> None:
-        measure_cells(
-            image,
-            lenses_of(self.eyes, eye, self.blur_px[eye], self._steps[eye], self.noise[eye]),
-            self.expected_px[eye],
-            self.deviation_px[eye],
-            self.wanted,
-            self._order,
-            self.line_ratio,
-            self.bordering,
-            self.width_scale[eye],
-            self.cell_size[eye],
-            self.grid.dark,
-            self.options.stride,
-            self._scratch[eye],
-            self.cells[eye],
-        )
-        correct(self._scratch[eye].pooled, self._correction[eye])
-        widen_unsettled(self._correction[eye], self.cells[eye])
-        learn_noise(self._scratch[eye].pooled, self.noise[eye])
-        adapt(self._correction[eye], self._adaptation, self.blur_px[eye], self.width_scale[eye])
+        dark, stride = self.grid.dark, self.options.stride
+        measure_view(image, self.eyes, eye, self._views[eye], self.wanted, self._order, dark, stride, self._adaptation)

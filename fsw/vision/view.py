@@ -1,0 +1,81 @@
+"""One eye's part of a tick in TRACK, whole: from its image to its cells, and what all their edges have in common.
+
+One kernel, for each call from the interpreter finds it, and what hands the arrays over, driven out of the caches by the
+pixels of the call before.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.vision.blur import STEP_ROWS
+from fsw.vision.corners import Cells
+from fsw.vision.edges import FloatArray, Image, Scratch, make_scratch
+from fsw.vision.quads import measure_cells
+from fsw.vision.rig import Eyes
+from fsw.vision.settling import adapt, correct, learn_noise, widen_unsettled
+from fsw.vision.sides import lens_of
+from wingbeat.kernels import tick_kernel
+
+
+class View(NamedTuple):
+    """What one eye expects and measures of N cells: views of the tracker's arrays, and memory of its own."""
+
+    expected_px: FloatArray  # (N, 4, 2) and the next five, up to the sizes: see measure_cells
+    deviation_px: FloatArray  # (N, 4, 2)
+    line_ratio: FloatArray  # (N, 4)
+    bordering: NDArray[np.bool_]  # (N, 4)
+    width_scale: FloatArray  # (2,)
+    size: FloatArray  # (2, 2)
+    blur_px: FloatArray  # (2,) of the lens, across sides along X, along Y
+    noise: FloatArray  # (2,) variance of a pixel, and its growth with the grey value
+    correction: FloatArray  # (COMMON,) of blur and widths, as this tick's edges have it
+    cells: Cells
+    steps: FloatArray  # (2, STEP_ROWS, 3) see tabulate_step
+    scratch: Scratch
+
+
+def make_memory() -> tuple[FloatArray, Scratch]:
+    """Take an eye's own memory: steps, and scratch."""
+    return np.zeros((2, STEP_ROWS, 3)), make_scratch()
+
+
+@tick_kernel
+def measure_view(
+    image: Image,
+    eyes: Eyes,
+    eye: int,
+    view: View,
+    wanted: NDArray[np.bool_],
+    order: NDArray[np.int64],
+    dark: bool,
+    stride: int,
+    adaptation: float,
+) -> None:
+    """Measure all wanted cells (N,) of one image, in their order (N,), and learn blur, widths and noise from them.
+
+    adaptation: share of the correction of blur and widths that is taken over. dark, stride: see measure_cells.
+    """
+    along_x = lens_of(eyes, eye, view.blur_px[0], view.steps[0], view.noise)
+    along_y = lens_of(eyes, eye, view.blur_px[1], view.steps[1], view.noise)
+    measure_cells(
+        image,
+        (along_x, along_y),
+        view.expected_px,
+        view.deviation_px,
+        wanted,
+        order,
+        view.line_ratio,
+        view.bordering,
+        view.width_scale,
+        view.size,
+        dark,
+        stride,
+        view.scratch,
+        view.cells,
+    )
+    correct(view.scratch.pooled, view.correction)
+    widen_unsettled(view.correction, view.cells)
+    learn_noise(view.scratch.pooled, view.noise)
+    adapt(view.correction, adaptation, view.blur_px, view.width_scale)
