@@ -26,7 +26,7 @@ from fsw.vision.strips import (
     way_along,
 )
 from fsw.vision.templates import COLUMNS, fill_templates
-from fsw.vision.weighing import FIRST, OTHERS, weigh_others, weigh_strips
+from fsw.vision.weighing import FIRST, OTHERS, PRODUCTS, add_strips, weigh_others, weigh_strips
 from wingbeat.kernels import kernel
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
@@ -79,13 +79,14 @@ def products_at(
     lines: np.ndarray[Any, np.dtype[np.float32]],
     starts: np.ndarray[Any, np.dtype[np.int32]],
     phases: np.ndarray[Any, np.dtype[np.int32]],
+    rests: FloatArray,
     weight: np.ndarray[Any, np.dtype[np.float32]],
     own: np.ndarray[Any, np.dtype[np.float32]],
     products: np.ndarray[Any, np.dtype[np.float32]],
 ) -> tuple[float, float, float, float, float]:
     """Products of LANES strips from the second on with table 1; of the third one, those with the other templates."""
     one, two = np.uintp(1), np.uintp(2)
-    weigh_strips(lines, starts, weight, one, phases, products, one)
+    weigh_strips(lines, starts, weight, one, phases, rests, products, one)
     return weigh_others(lines, two, np.uintp(starts[2]), weight, own, one, np.uintp(phases[2]))
 
 
@@ -132,18 +133,37 @@ def test_windows_begin_where_the_curve_stands(sign: int) -> None:
 def test_products_are_of_what_a_strip_differs_by_from_its_first_pixel() -> None:
     rng = np.random.default_rng(4)
     lines, weight = (rng.normal(size=n).astype(np.float32) for n in ((LANES + 2, TAPS + 5), (2, 3, COLUMNS, TAPS)))
-    own, products = weight[:, :, 3].copy(), np.full((2, LANES + 2), -7.0, np.float32)
+    own, products = weight[:, :, 3].copy(), np.full((PRODUCTS, LANES + 2), -7.0, np.float32)
     starts, phases = rng.integers(0, 5, LANES + 2).astype(np.int32), rng.integers(0, 3, LANES + 2).astype(np.int32)
+    rests = rng.uniform(-0.02, 0.02, LANES + 2)
     starts[4] = -1  # not in the image
-    others = products_at(lines, starts, phases, weight, own, products)
+    others = products_at(lines, starts, phases, rests, weight, own, products)
     for i in range(1, LANES + 1):
         at = max(starts[i], 0)
         true = (lines[i, at : at + TAPS] - lines[i, at]).astype(float)
-        assert products[:, i] == pytest.approx(weight[1, phases[i], :FIRST] @ true, rel=1e-5, abs=1e-5)
+        step, shift = weight[1, phases[i], :FIRST] @ true
+        wanted = [0.0, 0.0, 0.0] if i == 4 else [step, shift - step * rests[i], 1.0]
+        assert products[:, i] == pytest.approx(wanted, rel=1e-5, abs=1e-5)
         if i == 2:
             assert others[:OTHERS] == pytest.approx(weight[1, phases[2], FIRST:] @ true, rel=1e-5, abs=1e-5)
             assert others[OTHERS] == pytest.approx(own[1, phases[2]] @ true**2, rel=1e-5, abs=1e-5)
     assert (products[:, [0, -1]] == -7.0).all()  # and nothing else is written
+
+
+@kernel
+def sums_of(
+    products: np.ndarray[Any, np.dtype[np.float32]], begun: int, ended: int
+) -> tuple[float, float, float, float, float]:
+    """Sums over a part of the strips."""
+    return add_strips(products, np.uintp(begun), np.uintp(ended))
+
+
+@pytest.mark.parametrize(("begun", "ended"), [(0, 8), (3, 4), (5, 21), (7, 30), (11, 11)])
+def test_sums_are_of_a_segments_own_strips(begun: int, ended: int) -> None:
+    products = np.random.default_rng(5).normal(size=(PRODUCTS, 30 + LANES)).astype(np.float32)
+    b, c, taken = products[:, begun:ended].astype(float)
+    true = [taken.sum(), b.sum(), (b * b).sum(), (b * c).sum(), (c * c).sum()]
+    assert sums_of(products, begun, ended) == pytest.approx(true, rel=1e-5, abs=1e-5)
 
 
 @dataclass(frozen=True)

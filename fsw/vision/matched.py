@@ -52,11 +52,11 @@ from fsw.vision.templates import (
     B,
     table_of,
 )
-from fsw.vision.weighing import weigh_others, weigh_strips
+from fsw.vision.weighing import TAKEN, add_strips, weigh_others, weigh_strips
 from wingbeat.kernels import inline_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
-JUDGED = 16  # every so many strips are asked for what the model leaves over
+JUDGED = 16  # one of so many strips is asked for what the model leaves over
 
 
 @inline_kernel
@@ -77,50 +77,49 @@ def match_strips(
 ) -> None:
     """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
 
-    judged_each: strips from one that is judged to the next. most: squares that the model of a judged one may leave
+    judged_each: of so many strips side by side one is judged. most: squares that the model of a judged one may leave
     over. row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels. With
     each piece, the image is asked for more of what is ahead.
     """
-    lines, starts, rest_px, last = strips.lines, strips.start, strips.rest, way.taps - 1
+    lines, starts, product, last = strips.lines, strips.start, strips.product, way.taps - 1
     table = np.uintp(table_of(row, way.outwards))
     for i in range(0, way.strips, LANES):
-        weigh_strips(lines, starts, weight, table, strips.phase, strips.product, np.uintp(i))
+        weigh_strips(lines, starts, weight, table, strips.phase, strips.rest, product, np.uintp(i))
     ended = 0
     for piece in range(pieces):
         ask(image, ahead)
         begun, ended = ended, way.strips * (piece + 1) // pieces
-        count, judged, until, sb, sbb, sbc, scc = 0, 0, 0, 0.0, 0.0, 0.0, 0.0
-        rest, blur_num, blur_den, cell = 0.0, 0.0, 0.0, 0.0
+        judged, rest, blur_num, blur_den, cell = 0, 0.0, 0.0, 0.0, 0.0
         rises, bends, off, off_variance = 0.0, 0.0, 0.0, 0.0
-        for i in range(begun, ended):
-            s = np.uintp(i)
-            start = starts[s]
-            if start < 0:
+        for first in range(begun, ended, judged_each):
+            i, stop = first, min(first + judged_each, ended)
+            while i < stop and product[TAKEN, i] == 0.0:
+                i += 1
+            if i == stop:
                 continue
-            b, shift = strips.product[STEP, s], strips.product[SHIFT, s]
-            c = shift - b * rest_px[s]
-            if until == 0:
-                at, p = np.uintp(start), np.uintp(strips.phase[s])
-                blurring, level, rise, bend, squares = weigh_others(lines, s, at, weight, own, table, p)
-                step = b * scale[row, p, STEP] + shift * scale[row, p, ACROSS]
-                across, size = shift * scale[row, p, SHIFT], b * scale[row, p, BLURRING]
-                left = squares - level * level - step * step - across * across - blurring * blurring
-                if left - (rise * rise + bend * bend) * scale[row, p, SHIFT] ** 2 > most:
-                    continue
-                rest += left
-                blur_num += size * blurring
-                blur_den += size * size
-                low, high = lines[i, start + 1] - lines[i, start], lines[i, start + last] - lines[i, start + last - 1]
-                noise[row, INSIDE] += low * low if way.outwards else high * high
-                noise[row, LINE] += high * high if way.outwards else low * low
-                cell += lines[i, start] if way.outwards else lines[i, start + last]
-                by_rise, by_bend = scale[row, p, BY_RISING], scale[row, p, BY_BENDING]
-                rises, bends, off = rises + rise, bends + bend, off + by_rise * rise + by_bend * bend
-                off_variance += by_rise * by_rise + by_bend * by_bend
-                judged, until = judged + 1, judged_each
-            until -= 1
-            sb, sbb, sbc, scc = sb + b, sbb + b * b, sbc + b * c, scc + c * c
-            count += 1
+            s = np.uintp(i)
+            start, b = starts[s], product[STEP, s]
+            shift = product[SHIFT, s] + b * strips.rest[s]
+            at, p = np.uintp(start), np.uintp(strips.phase[s])
+            blurring, level, rise, bend, squares = weigh_others(lines, s, at, weight, own, table, p)
+            step = b * scale[row, p, STEP] + shift * scale[row, p, ACROSS]
+            across, size = shift * scale[row, p, SHIFT], b * scale[row, p, BLURRING]
+            left = squares - level * level - step * step - across * across - blurring * blurring
+            if left - (rise * rise + bend * bend) * scale[row, p, SHIFT] ** 2 > most:
+                product[STEP, s] = product[SHIFT, s] = product[TAKEN, s] = 0.0
+                continue
+            rest += left
+            blur_num += size * blurring
+            blur_den += size * size
+            low, high = lines[i, start + 1] - lines[i, start], lines[i, start + last] - lines[i, start + last - 1]
+            noise[row, INSIDE] += low * low if way.outwards else high * high
+            noise[row, LINE] += high * high if way.outwards else low * low
+            cell += lines[i, start] if way.outwards else lines[i, start + last]
+            by_rise, by_bend = scale[row, p, BY_RISING], scale[row, p, BY_BENDING]
+            rises, bends, off = rises + rise, bends + bend, off + by_rise * rise + by_bend * bend
+            off_variance += by_rise * by_rise + by_bend * by_bend
+            judged += 1
+        count, sb, sbb, sbc, scc = add_strips(product, np.uintp(begun), np.uintp(ended))
         sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC], sums[piece, CC] = count, sb, sbb, sbc, scc
         sums[piece, JUDGES], sums[piece, REST] = judged, rest
         sums[piece, BLUR_NUM], sums[piece, BLUR_DEN], sums[piece, CELL] = blur_num, blur_den, cell

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fsw.vision.lanes import LANES, ROWS, TAPS, make_column_reader, make_row_reader, make_window_finder
 from fsw.vision.rig import distort_point
 from fsw.vision.templates import PHASES
+from fsw.vision.weighing import PRODUCTS
 from wingbeat.kernels import inline_kernel, tick_kernel
 
 FloatArray = NDArray[np.float64]
@@ -35,14 +36,14 @@ class Strips(NamedTuple):
     start: NDArray[np.int32]  # (MOST_STRIPS,) where in its line a strip's window begins, < 0: not in the image
     phase: NDArray[np.int32]  # (MOST_STRIPS,) of the edge in the pixel behind the window's middle, outwards: the part
     rest: FloatArray  # (MOST_STRIPS,) of that pixel, and px beyond that part's middle
-    product: NDArray[np.float32]  # (2, MOST_STRIPS) step and shift product, see match_strips
+    product: NDArray[np.float32]  # (PRODUCTS, MOST_STRIPS + LANES) see `weigh_strips`
 
 
 def make_strips() -> Strips:
     """Take the memory."""
     lines = np.zeros((MOST_STRIPS + 1, LINE_PX), np.float32)
     start, phase = np.zeros((2, MOST_STRIPS), np.int32)
-    return Strips(lines, start, phase, np.zeros(MOST_STRIPS), np.zeros((2, MOST_STRIPS), np.float32))
+    return Strips(lines, start, phase, np.zeros(MOST_STRIPS), np.zeros((PRODUCTS, MOST_STRIPS + LANES), np.float32))
 
 
 class Way(NamedTuple):

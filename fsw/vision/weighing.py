@@ -1,10 +1,13 @@
-"""Products of strips with templates, several at once."""
+"""Products of strips with templates, and their sums over the strips of a segment, several at once."""
 
 from collections.abc import Callable
 from typing import Any, cast
 
-from numba.core import types
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from fsw.vision.lanes import LANES, TAPS, Index, Lines, Places
 from fsw.vision.vectors import (
@@ -12,6 +15,7 @@ from fsw.vision.vectors import (
     INDEX,
     add_up_each,
     address_of,
+    everywhere,
     halved,
     load,
     load_whole,
@@ -20,27 +24,34 @@ from fsw.vision.vectors import (
     store,
 )
 
-StripWeigher = Callable[[Lines, Places, Lines, Index, Places, Lines, Index], None]
+FloatArray = NDArray[np.float64]
+StripWeigher = Callable[[Lines, Places, Lines, Index, Places, FloatArray, Lines, Index], None]
+StripAdder = Callable[[Lines, Index, Index], tuple[float, float, float, float, float]]
 OtherWeigher = Callable[[Lines, Index, Index, Lines, Lines, Index, Index], tuple[float, float, float, float, float]]
 
 FIRST = 2  # templates that every strip is weighed with,
 OTHERS = 4  # and those behind them
+# Of each strip: the step b, and c, b times the shift in pixels; 1 if it is taken, 0 if not, and then nothing else.
+TAKEN, PRODUCTS = 2, 3
+SUMS = 5  # count, and sums of b, b2, b c, c2
+_REALS, _WHOLES = ir.VectorType(FLOAT, LANES), ir.VectorType(INDEX, LANES)
 
 
 @intrinsic
 def _weigh_strips(
-    _: Any, lines: Any, starts: Any, weight: Any, table: Any, phases: Any, products: Any, strip: Any
+    _: Any, lines: Any, starts: Any, weight: Any, table: Any, phases: Any, rests: Any, products: Any, strip: Any
 ) -> Any:
-    """Products of LANES strips from `strip` on with their phases' first two templates: products[0 and 1, strip:].
+    """Products (PRODUCTS, strips) of LANES strips from `strip` on with their phases' first two templates.
 
-    Of each strip lines[i, starts[i]:][:TAPS], less its first number; starts[i] < 0 is as good as 0. phases (strips,).
-    weight (tables, phases, templates, TAPS). Nothing is checked.
+    Of each strip lines[i, starts[i]:][:TAPS], less its first number; it is taken if starts[i] >= 0. phases (strips,),
+    and rests (strips,), px that the edge lies beyond where the phase has it. weight (tables, phases, templates, TAPS).
+    Nothing is checked.
     """
     n = types.uintp
-    signature = types.void(lines, starts, weight, n, phases, products, n)
+    signature = types.void(lines, starts, weight, n, phases, rests, products, n)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        lines, starts, weight, table, phases, products, strip = args
+        lines, starts, weight, table, phases, rests, products, strip = args
         none, size = strip.type(0), strip.type(4)
         line, pitch = address_of(context, builder, signature.args[0], lines, [strip, none])
         begin, step = address_of(context, builder, signature.args[1], starts, [strip])
@@ -58,15 +69,58 @@ def _weigh_strips(
                 sums.append(builder.fadd(*halved(builder, product)))
                 factors = builder.add(factors, strides[2])
             line, begin, phase = (builder.add(a, b) for a, b in ((line, pitch), (begin, step), (phase, each)))
-        for i, sums in enumerate(both):
-            out, _stride = address_of(context, builder, signature.args[5], products, [strip.type(i), strip])
-            store(builder, out, add_up_each(builder, sums))
+        begin, _step = address_of(context, builder, signature.args[1], starts, [strip])
+        shown = builder.icmp_signed(">=", load(builder, begin, INDEX, LANES, 4), _WHOLES([0] * LANES))
+        rest, _step = address_of(context, builder, signature.args[5], rests, [strip])
+        rest = builder.fptrunc(load(builder, rest, ir.DoubleType(), LANES, 8), _REALS)
+        step, shift = (add_up_each(builder, sums) for sums in both)
+        shift = builder.fsub(shift, builder.fmul(step, rest))
+        nothing = _REALS([0.0] * LANES)
+        for i, values in enumerate((step, shift, _REALS([1.0] * LANES))):
+            out, _stride = address_of(context, builder, signature.args[6], products, [strip.type(i), strip])
+            store(builder, out, builder.select(shown, values, nothing))
         return context.get_dummy_value()
 
     return signature, generate
 
 
 weigh_strips = cast(StripWeigher, _weigh_strips)
+
+
+@intrinsic
+def _add_strips(_: Any, products: Any, begun: Any, ended: Any) -> Any:
+    """Sums over products[:, begun:ended] of the strips: how many are taken, b, b2, b c, c2.
+
+    products (PRODUCTS, strips), LANES strips more than are ever added. Nothing is checked.
+    """
+    n = types.uintp
+    signature = types.UniTuple(types.float32, SUMS)(products, n, n)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        products, begun, ended = args
+        nothing = _REALS([0.0] * LANES)
+        sums = [cgutils.alloca_once_value(builder, nothing) for _ in range(SUMS)]
+        with cgutils.for_range_slice(builder, begun, ended, begun.type(LANES), begun.type) as (strip, _count):
+            left = everywhere(builder, builder.trunc(builder.sub(ended, strip), INDEX), _WHOLES)
+            own = builder.icmp_signed("<", _WHOLES(list(range(LANES))), left)
+            values = []
+            for i in range(PRODUCTS):
+                at, _stride = address_of(context, builder, signature.args[0], products, [strip.type(i), strip])
+                values.append(builder.select(own, load(builder, at, FLOAT, LANES, 4), nothing))
+            b, c, taken = values
+            for total, each in zip(
+                sums, (taken, b, *(builder.fmul(*p) for p in ((b, b), (b, c), (c, c)))), strict=True
+            ):
+                builder.store(builder.fadd(builder.load(total), each), total)
+        vectors = [builder.load(total) for total in sums]
+        added = add_up_each(builder, vectors + vectors[:1] * (LANES - SUMS))
+        found = [builder.extract_element(added, INDEX(i)) for i in range(SUMS)]
+        return context.make_tuple(builder, signature.return_type, found)
+
+    return signature, generate
+
+
+add_strips = cast(StripAdder, _add_strips)
 
 
 @intrinsic
