@@ -69,7 +69,7 @@ class App:
         blank = [make_frames((c.height, c.width), c.dtype) for c in drivers.cameras]  # until the first pair comes
         self.pools = [FramePool(FRAMES_PER_EYE, (c.height, c.width), c.dtype) for c in drivers.cameras]
         self.state = State(
-            Tracker(rig, grid, TrackingOptions()),
+            Tracker(rig, grid, TrackingOptions(threads=settings.eye_threads)),
             Pair(blank[0], blank[1]),
             Ring(flight.identify.history_ticks, (), np.int64),
             Displacements(flight.identify.history_ticks, grid.count),

@@ -1,5 +1,6 @@
 """Following the wing: the surface that both eyes share, the quick look, and the tracker on rendered pairs."""
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -230,6 +231,20 @@ def test_tracking_is_the_same_to_the_last_bit_twice(footage: Footage, tracker: T
         seen.append((tracker.points.xyz_mm.copy(), tracker.centre_px.copy(), tracker.blur_px.copy()))
     for one, other in zip(*seen, strict=True):
         assert np.array_equal(one, other, equal_nan=True)
+
+
+def test_a_thread_for_each_eye_gives_the_same_bits_as_one_for_both(footage: Footage, tracker: Tracker) -> None:
+    threads = threading.active_count()
+    beside = Tracker(tracker.rig, tracker.grid, TrackingOptions(threads=2))
+    assert threading.active_count() == threads + 1
+    for each in (tracker, beside):
+        each.start(footage.world.pose.rotation, footage.world.pose.translation_mm, *footage.images[:, 0])
+        for tick in range(3):
+            follow(each, footage, tick)
+    beside.close()
+    assert threading.active_count() == threads
+    for own, other in zip(tracker.points, beside.points, strict=True):
+        assert np.array_equal(own, other, equal_nan=True)
 
 
 def test_a_tracker_that_adopts_a_scout_goes_on_as_the_scout_would(

@@ -102,6 +102,9 @@ class ExecutiveTable(Table, frozen=True):
     ]
     free_wheel_after: Annotated[int, Meta(ge=1, le=100, description="bad edges in a row until ticks go by the clock")]
     lock_after: Annotated[int, Meta(ge=1, le=100, description="good edges in a row until ticks follow the trigger")]
+    eye_threads: Annotated[
+        int, Meta(ge=1, le=2, description="threads for the eyes: 1 takes less processor time, 2 are ready sooner")
+    ]
     catch_up_ticks: Annotated[int, Meta(ge=0, le=10, description="late ticks that are made up for; more are skipped")]
     silent_after_ticks: Annotated[Ticks, Meta(description="ticks past its turn until a task is called silent")]
     dead_after_ticks: Annotated[Ticks, Meta(description="ticks past its turn until a task is called dead")]

@@ -31,13 +31,13 @@ from fsw.vision.search import make_sightings
 
 
 class Approach:
-    """Where the cells are expected, and how the surface is brought there; one thread for each eye.
+    """Where the cells are expected, and how the surface is brought there; one thread for each eye, or one for both.
 
     expected_px (2, N, 4, 2), expected_centre_px (2, N, 2): ideal pixels. in_view (2, N). wanted (N,): cells whose
     centres both eyes should see. deviation_px (2, N, 4, 2): of the measured corners from the surface, last tick.
     """
 
-    def __init__(self, grid: CellGrid, eyes: Eyes, surface: Surface, normal: Normal) -> None:
+    def __init__(self, grid: CellGrid, eyes: Eyes, surface: Surface, normal: Normal, threads: int) -> None:
         count = grid.count
         self.expected_px, self.deviation_px = np.zeros((2, 2, count, 4, 2))
         self.expected_centre_px = np.zeros((2, count, 2))
@@ -55,7 +55,7 @@ class Approach:
         self._swing = swing()
         self._tried_step, self._looked_step = step_of(grid, TRIED_CELLS), step_of(grid, LOOKED_CELLS)
         self._chequered = grid.cell.sum(axis=1) % 2 == 0
-        self._right = Beside("right-eye")
+        self._right = Beside("right-eye") if threads > 1 else None
 
     def forget(self) -> None:
         """Take the surface as it is, without a history."""
@@ -71,11 +71,16 @@ class Approach:
         self.deviation_px[:] = other.deviation_px
 
     def close(self) -> None:
-        """End the thread of the right eye."""
-        self._right.close()
+        """End the thread of the right eye, if it has one."""
+        if self._right is not None:
+            self._right.close()
 
     def both_eyes(self, work: Callable[[int, Image], None], left: Image, right: Image) -> None:
-        """Do the same work for both eyes, each on its thread."""
+        """Do the same work for both eyes, each on its thread, or one after the other."""
+        if self._right is None:
+            work(0, left)
+            work(1, right)
+            return
         self._right.begin(work, 1, right)
         try:
             work(0, left)

@@ -32,12 +32,14 @@ class TrackingOptions:
 
     widest: a centre farther from the surface than this part of the smallest pitch is no cell, however much the others
     scatter: a view that took one row for the next would scatter more. blur_px: the lens's blur to start from
-    (Gaussian standard deviation, without the pixel).
+    (Gaussian standard deviation, without the pixel). threads: two measure the eyes side by side, a third sooner; one
+    costs a quarter less processor time, for it need not be woken, with cold caches, in the middle of every tick.
     """
 
     stride: int = 2
     widest: float = 0.1
     blur_px: float = 0.7
+    threads: int = 1
 
 
 class Tracker:
@@ -49,7 +51,7 @@ class Tracker:
         self.surface = make_surface(grid)
         self._normal = make_normal(count)
         self._bow = make_bow(grid, self.surface)
-        self._approach = Approach(grid, self.eyes, self.surface, self._normal)
+        self._approach = Approach(grid, self.eyes, self.surface, self._normal, options.threads)
         self.expected_px, self.expected_centre_px = self._approach.expected_px, self._approach.expected_centre_px
         self.in_view, self.wanted = self._approach.in_view, self._approach.wanted
         self.deviation_px = self._approach.deviation_px
@@ -191,7 +193,7 @@ class Tracker:
         return float(0.5 * (along_x / size[0] + along_y / size[1]))
 
     def close(self) -> None:
-        """End the thread of the right eye."""
+        """End the thread of the right eye, if it has one."""
         self._approach.close()
 
     def _measure(self, eye: int, image: Image) -> None:

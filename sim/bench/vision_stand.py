@@ -60,17 +60,27 @@ def cpu_ms(into: list[float]) -> Iterator[None]:
     into.append((time.process_time_ns() - before) * 1e-6)
 
 
+@contextmanager
+def wall_ms(into: list[float]) -> Iterator[None]:
+    """Add the time that passes, in ms."""
+    before = time.perf_counter_ns()
+    yield
+    into.append((time.perf_counter_ns() - before) * 1e-6)
+
+
 class Stand:
     """Search, and the tasks feature, match and reconstruct, with the gates and numbers of the shipped flight table."""
 
-    def __init__(self, cameras: CamerasTable, wing: WingTable, pair: tuple[Image, Image]) -> None:
-        """pair: any images of the right form; the kernels compile on them."""
+    def __init__(self, cameras: CamerasTable, wing: WingTable, pair: tuple[Image, Image], threads: int = 0) -> None:
+        """pair: any images of the right form; the kernels compile on them. threads: for the eyes; 0: the table's."""
         cv2.setNumThreads(1)
         self._limits = threadpool_limits(limits=1)
         self.rig, self.grid, self.prior = make_rig(cameras), make_wing_grid(wing), make_prior(wing)
-        self.table: VisionTable = load_flight().vision
+        flight = load_flight()
+        self.table: VisionTable = flight.vision
+        options = TrackingOptions(threads=threads or flight.executive.eye_threads)
         history = Ring(2, (), np.int64), Displacements(2, self.grid.count)
-        self.state = State(Tracker(self.rig, self.grid, TrackingOptions()), Pair(*pair), *history)
+        self.state = State(Tracker(self.rig, self.grid, options), Pair(*pair), *history)
         self.state.mode = FlightMode.TRACK
         self.tracker = self.state.tracker
         self.tracker.place(self.prior.rotation, self.prior.translation_mm)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.bench.table import Row
 from sim.bench.vision_floor import floor_covariance_mm2
-from sim.bench.vision_stand import Stand, Truth, bench_scenario, cpu_ms, hardware, load, pair_of
+from sim.bench.vision_stand import Stand, Truth, bench_scenario, cpu_ms, hardware, load, pair_of, wall_ms
 from sim.world import World
 from wingbeat.kernels import kernel
 
@@ -41,17 +41,22 @@ def tracking(binning: int, seed: int, at_rest: bool) -> list[Row]:
         if not found.ok:
             raise RuntimeError(f"ACQUIRE: {found.reason}")
     stand.acquire(*pairs[0])
-    busy, reading = [], []
+    beside = Stand(*hardware(scenario), pairs[0], threads=2)
+    beside.acquire(*pairs[0])
+    busy, busy_beside, wall, wall_beside, reading = [], [], [], [], []
     xyz = np.full((PAIRS, stand.grid.count, 3), np.nan)
     covariance = np.full((PAIRS, stand.grid.count, 3, 3), np.nan)
     for tick, (left, right) in enumerate(pairs):
-        with cpu_ms(busy):
+        with cpu_ms(busy), wall_ms(wall):
             stand.tick(left, right)
+        with cpu_ms(busy_beside), wall_ms(wall_beside):
+            beside.tick(left, right)
         reading.append(_read_ms(left, right))
         points = stand.tracker.points
         xyz[tick, points.valid] = points.xyz_mm[points.valid]
         covariance[tick, points.valid] = points.covariance_mm2[points.valid]
     stand.close()
+    beside.close()
     row: Row = {
         "table": "tracking",
         "method": "ours",
@@ -59,6 +64,9 @@ def tracking(binning: int, seed: int, at_rest: bool) -> list[Row]:
         "cells_in_both": int(truth.in_view(truth.corners_px(WARM)).sum()),
         "track_cpu_ms_median": float(np.median(busy[WARM:])),
         "track_cpu_ms_p99": float(np.percentile(busy[WARM:], 99)),
+        "track_wall_ms_median": float(np.median(wall[WARM:])),
+        "two_threads_cpu_ms_median": float(np.median(busy_beside[WARM:])),
+        "two_threads_wall_ms_median": float(np.median(wall_beside[WARM:])),
         "read_cpu_ms": float(np.median(reading[WARM:])),
         "ratio_to_reading": float(np.median(busy[WARM:]) / np.median(reading[WARM:])),
         "acquire_cpu_ms_an_eye": float(np.median(searching[1:])) / 2.0,
