@@ -369,6 +369,17 @@ def test_a_cell_with_two_hidden_sides_is_not_found(sides: tuple[int, ...]) -> No
     assert np.isnan(cells.centre_px[MIDDLE]).all() and np.isnan(cells.covariance_px2[MIDDLE]).all()
 
 
+@pytest.mark.parametrize(("hidden", "found"), [((), True), ((1,), False), ((2,), False)])
+def test_half_a_side_is_believed_only_where_nothing_covers_another(hidden: tuple[int, ...], found: bool) -> None:
+    half = (66.0, 82.0, 20.0, 22.0)
+    sheet = Sheet(TILTED, covered_mm=(half, *hide(hidden)))
+    cells = sheet.measure(sheet.draw(), sheet.corners_px())
+    assert cells.found[MIDDLE] == cells.whole[MIDDLE] == found
+    assert cells.paired[MIDDLE].tolist() == [found, found]
+    if found:
+        assert np.abs(cells.corners_px - sheet.corners_px())[MIDDLE].max() < 0.05
+
+
 @pytest.mark.parametrize("shift", [(-60.0, 0.0), (0.0, -45.0), (150.0, 0.0), (0.0, 95.0), (900.0, -900.0)])
 def test_cells_at_and_beyond_the_rim_are_right_or_not_found(shift: tuple[float, float]) -> None:
     move = np.eye(3)

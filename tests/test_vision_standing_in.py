@@ -87,13 +87,13 @@ def test_a_side_that_something_covers_is_believed_as_little_as_what_is_told() ->
     assert askew == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2 + (0.5 * SLOPE * 80.0) ** 2)
 
 
-def test_a_side_that_neither_image_holds_is_measured_by_nobody() -> None:
+def test_a_cell_that_neither_eye_sees_from_side_to_side_is_measured_by_nobody() -> None:
     left, right = make_cells(5), make_cells(5)
     for eye in (left, right):
-        eye.found[:], eye.paired[:] = True, True
-    left.outside[:] = [-1, 1, 1, 1, -1]
-    right.outside[:] = [-1, 1, 3, -1, 1]
+        eye.found[:] = True
+    left.paired[:] = [[True, True], [True, False], [False, True], [True, False], [True, True]]
+    right.paired[:] = [[True, True], [True, False], [True, False], [True, True], [False, True]]
     drop_unseen(left, right)
     for eye in (left, right):
         assert eye.found.tolist() == [True, False, True, True, True]
-        assert eye.paired.tolist() == [[found, found] for found in eye.found]
+        assert not eye.paired[1].any()

@@ -227,8 +227,8 @@ class Edge:
         sign = 1.0 if self.grey[1] > self.grey[0] else -1.0
         side = self.start, self.end, self.normal
         pieces, found, _, by_light = match_segments(image, lens, *side, 0.0, 0, sign, scratch)
-        good, middle, _, variance, _ = straight_side(scratch.segments, found)
-        return good and 2 * found >= pieces, middle - by_light * grows, variance
+        good, _, middle, _, variance, _ = straight_side(scratch.segments, found, pieces)
+        return good, middle - by_light * grows, variance
 
 
 LEVEL, STEEPER, STEEP = (260.9, 90.7), (250.2, 112.9), (210.4, 171.8)  # strips of 4, 2 and 1 columns

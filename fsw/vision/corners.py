@@ -22,7 +22,6 @@ class Cells(NamedTuple):
     found: NDArray[np.bool_]  # (N,)
     whole: NDArray[np.bool_]  # (N,) found, and with all four sides seen
     paired: NDArray[np.bool_]  # (N, 2) found, and with both sides along X, along Y seen
-    outside: NDArray[np.int64]  # (N,) the side that lies beyond the image, so that another one stands in; < 0: none
 
 
 def make_cells(count: int) -> Cells:
@@ -38,7 +37,6 @@ def make_cells(count: int) -> Cells:
         np.zeros(count, dtype=np.bool_),
         np.zeros(count, dtype=np.bool_),
         np.zeros((count, 2), dtype=np.bool_),
-        np.full(count, -1),
     )
 
 

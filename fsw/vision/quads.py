@@ -94,7 +94,6 @@ def measure_cells(
     for place in range(len(order)):
         n = order[place]
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
-        out.outside[n] = -1
         out.corners_px[n] = np.nan
         out.centre_px[n] = np.nan
         out.covariance_px2[n] = np.nan
@@ -108,7 +107,7 @@ def measure_cells(
         for k in range(4):
             flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
         corner_depths(flat, depth)
-        hidden, which, squares, contrast = 0, -1, 0.0, 0.0
+        hidden, which, firm, squares, contrast = 0, -1, True, 0.0, 0.0
         _copy(scratch.pooled, agreed)
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
         hand = 1.0 if turn > 0.0 else -1.0
@@ -146,7 +145,7 @@ def measure_cells(
             by_width[k] = 0.0
             of_width = scratch.pooled[EACH * row + WIDTH]
             weight[k], cross[k] = of_width[OWN], of_width[CROSS]
-            m, s, v, r, ok = 0.0, 0.0, 0.0, 0.0, False
+            m, s, v, r, ok, sure = 0.0, 0.0, 0.0, 0.0, False, False
             for _ in range(RECENTRES):
                 a, b = m - 0.5 * s, m + 0.5 * s
                 start = (c[k, 0] + a * nx[k], c[k, 1] + a * ny[k])
@@ -170,8 +169,8 @@ def measure_cells(
                         stride,
                         scratch,
                     )
-                ok, dm, ds, v, r = straight_side(scratch.segments, found)
-                ok = ok and 2 * found >= pieces and v < WORST_PX * WORST_PX
+                ok, sure, dm, ds, v, r = straight_side(scratch.segments, found, pieces)
+                ok = ok and v < WORST_PX * WORST_PX
                 if not ok:
                     break
                 m, s = m + dm, s + ds
@@ -186,11 +185,12 @@ def measure_cells(
             weight[k], cross[k] = of_width[OWN] - weight[k], of_width[CROSS] - cross[k]
             by_blur[k] -= scratch.templates.slowed[row] * dm if plain else 0.0  # and what it moved by larger
             middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX
-            squares, contrast = squares + r * r, contrast + bright[k]
+            squares, contrast, firm = squares + r * r, contrast + bright[k], firm and sure
         if hidden > 0:
             _copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
-        if hidden > 1:
-            continue
+        covered = hidden > 0 and is_inside(image, lenses[0], c, which)
+        if hidden > 1 or (covered and not firm):
+            continue  # a bar's edge is as straight as half a side, and no side across contradicts it
         for k in range(2):
             out.paired[n, k] = hidden == 0 or which % 2 != k
             if out.paired[n, k]:
@@ -207,14 +207,12 @@ def measure_cells(
                 add_size(size, k, extent_across(flat, k, nx[k], ny[k]), measured, noise, scratch.sizes)
         else:
             k, k1, k2 = which, (which + 1) % 4, (which + 2) % 4
-            covered = is_inside(image, lenses[0], c[k, 0], c[k, 1]) and is_inside(image, lenses[0], c[k1, 0], c[k1, 1])
             expected = extent_across(flat, k, nx[k], ny[k])
             away = 2.0 * (depth[k] + depth[k1] - depth[k2] - depth[(k + 3) % 4]) / depth.sum()
             tilt, across = away * intrinsics[0] / expected, (middle[k2], variance[k2])
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
-            out.outside[n] = -1 if covered else k
         corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
         out.pull[n] = 0.0
         for k in range(4):

@@ -28,6 +28,7 @@ MIN_CONTRAST = 4.0  # grey values between cell and line, and ...
 NOISE_GATE = 0.35  # ... the largest ratio of residual to contrast
 UNEXPLAINED = 2.0  # a straight side's chi-square above its mean, in standard deviations: what is beyond is not noise's
 NOISIER = 6.0  # times the variance of the middle segment: luck does not reach so far, a glint or a shadow does
+NO_SAY = 36.0  # times the variance of the surest segment: one so unsure agrees with any line
 LEAST_VARIANCE = 1e-8  # px2, of a segment of an image without noise
 UNEVEN = 4.0  # chi-square of light laid over a side above its mean, in standard deviations: more is not noise's
 UNSETTLED_PX = 0.2  # a side that asks for so much more or less blur cannot tell light laid over it from that
@@ -194,15 +195,18 @@ def _middle(segments: FloatArray, count: int) -> float:
 
 
 @tick_kernel
-def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float, float, float]:
-    """Weighted straight line through segment offsets: good, offset at the middle, slope, its variance there, residual.
+def straight_side(segments: FloatArray, count: int, pieces: int) -> tuple[bool, bool, float, float, float, float]:
+    """Weighted straight line through segment offsets: good, firm, offset at the middle, slope, its variance, residual.
 
-    Segments far off the line are dropped one by one, as long as more than half of them agree.
+    Segments far off the line are dropped one by one, as long as half of all `pieces` of the side agree; it is firm if
+    more than half do. One far less sure than the surest has no say in that: it would agree with any line.
     """
-    dropped = 0
+    limit = math.inf
+    for i in range(count):
+        limit = min(limit, NO_SAY * segments[i, 2])
     while True:
         s0, s1, s2, t0, t1 = 0.0, 0.0, 0.0, 0.0, 0.0
-        kept = 0
+        kept, agree = 0, 0
         for i in range(count):
             if segments[i, 2] < 0.0:
                 continue
@@ -210,9 +214,10 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
             s0, s1, s2 = s0 + w, s1 + w * x, s2 + w * x * x
             t0, t1 = t0 + w * y, t1 + w * x * y
             kept += 1
+            agree += segments[i, 2] <= limit
         det = s0 * s2 - s1 * s1
-        if kept < 2 or det <= 1e-9 * s0 * s0:
-            return False, 0.0, 0.0, 0.0, 0.0
+        if kept < 2 or 2 * agree < pieces or det <= 1e-9 * s0 * s0:
+            return False, False, 0.0, 0.0, 0.0, 0.0
         middle, slope = (s2 * t0 - s1 * t1) / det, (s0 * t1 - s1 * t0) / det
         worst, which, squares, chi2 = 1.0, -1, 0.0, 0.0
         for i in range(count):
@@ -227,13 +232,12 @@ def straight_side(segments: FloatArray, count: int) -> tuple[bool, float, float,
         if which < 0 or kept <= 2:
             break
         segments[which, 2] = -1.0
-        dropped += 1
-    if which >= 0 or 2 * kept < count:
-        return False, 0.0, 0.0, 0.0, 0.0
+    if which >= 0:
+        return False, False, 0.0, 0.0, 0.0, 0.0
     # Scatter beyond what the pixels explain is no noise that a mean would lessen: a stain or a glint bends the side.
     # Its share in the scatter grows evenly, for noise alone comes near.
     variance, freedom = s2 / det, kept - 2
     limit = freedom + UNEXPLAINED * math.sqrt(2.0 * freedom)
     if chi2 > limit:
         variance += (1.0 - limit / chi2) * squares / kept
-    return True, middle, slope, variance, math.sqrt(squares / kept)
+    return True, 2 * agree > pieces, middle, slope, variance, math.sqrt(squares / kept)

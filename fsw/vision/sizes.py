@@ -19,6 +19,8 @@ from wingbeat.kernels import tick_kernel
 
 GATE_SIGMAS = 4.0  # a size farther from the others' than noise and their scatter explain: the centre is off by as many
 ODD_PX = 0.5  # a size as odd as this is a wrong edge, whose error no sigma describes: the cell is not found
+ASKEW_SIGMAS = 3.0  # so is a side's tilt against the one across, by as many px, if it is so far beyond noise as well
+SLOPE = 12.0  # times the variance of an evenly seen line's middle: that of its slope
 EVEN_PX = 0.25  # as much as sizes differ evenly; what is farther off has no say in what is even
 STEP = 6
 TERMS = 7  # 1, u, v, u2, uv, v2, and STEP: from the other cells to those at a border
@@ -59,17 +61,29 @@ def widen_odd_sizes(
             C = out.covariance_px2[n]
             # The extent is the difference of two sides, the centre their mean: four times the variance.
             own = 4.0 * (C[0] * nx * nx + 2.0 * C[1] * nx * ny + C[2] * ny * ny)
-            wider = 0.0
+            wrong, wider = False, 0.0
+            if out.paired[n, axis]:
+                tilt = _tilt(out.corners_px[n], expected_px[n], axis, nx, ny)
+                wrong = tilt * tilt > max(ODD_PX * ODD_PX, ASKEW_SIGMAS * ASKEW_SIGMAS * SLOPE * own)
             if off * off > GATE_SIGMAS**2 * max(own, scatter * scatter):
-                if abs(off) > ODD_PX:
-                    out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
-                wider = 0.5 * off * off
+                wrong, wider = wrong or abs(off) > ODD_PX, 0.5 * off * off
+            if wrong:
+                out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
             if work[n, 4 + STEP] > 0.0 and step * step > own:
                 # Less is noise. Where a side is hidden, the centre moves by all that the other one is off by.
                 wider += (0.25 if out.paired[n, axis] else 1.0) * step * step
-            if wider > 0.0:
+            if wrong or wider > 0.0:
                 odd[n] = True
                 C[0], C[1], C[2] = C[0] + wider * nx * nx, C[1] + wider * nx * ny, C[2] + wider * ny * ny
+
+
+@tick_kernel
+def _tilt(c: FloatArray, expected: FloatArray, k: int, nx: float, ny: float) -> float:
+    """By how much more than expected a cell of corners c (4, 2) is wider at the end of side k than at its start, px."""
+    k1, k2, k3 = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4
+    x = c[k1, 0] - c[k2, 0] - c[k, 0] + c[k3, 0] - expected[k1, 0] + expected[k2, 0] + expected[k, 0] - expected[k3, 0]
+    y = c[k1, 1] - c[k2, 1] - c[k, 1] + c[k3, 1] - expected[k1, 1] + expected[k2, 1] + expected[k, 1] - expected[k3, 1]
+    return x * nx + y * ny
 
 
 @tick_kernel

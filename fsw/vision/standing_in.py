@@ -3,8 +3,8 @@
 Cells of one eye are measured a little larger or smaller than expected, all by the same share: the blur, the wing's
 pose and what is told of the cells' size are not exactly right. The share, and its scatter beyond the measurement's own
 noise, come from the cells of the last tick all of whose sides were seen. A side that is in the image and still not seen
-is covered by something that may disturb the side across as well: there the size is believed less. A side that lies
-beyond both images is measured by nobody.
+is covered by something that may disturb the side across as well: there the size is believed less. A cell of which both
+eyes miss a side along the same axis is measured by nobody.
 """
 
 from fsw.vision.corners import Cells
@@ -53,10 +53,13 @@ def learn_size(size: FloatArray, sums: FloatArray) -> None:
 
 
 @tick_kernel
-def is_inside(image: Image, lens: Lens, u: float, v: float) -> bool:
-    """Whether an ideal pixel lies in the image."""
-    x, y, _, _, _, _ = distort_point(u, v, lens.intrinsics, lens.distortion)
-    return 0.0 <= x <= image.shape[1] - 1.0 and 0.0 <= y <= image.shape[0] - 1.0
+def is_inside(image: Image, lens: Lens, c: FloatArray, k: int) -> bool:
+    """Whether both ends of side k of a cell of corners c (4, 2), ideal pixels, lie in the image."""
+    inside = True
+    for end in (k, (k + 1) % 4):
+        x, y, _, _, _, _ = distort_point(c[end, 0], c[end, 1], lens.intrinsics, lens.distortion)
+        inside = inside and 0.0 <= x <= image.shape[1] - 1.0 and 0.0 <= y <= image.shape[0] - 1.0
+    return inside
 
 
 @tick_kernel
@@ -85,12 +88,14 @@ def stand_in(
 
 @tick_kernel
 def drop_unseen(left: Cells, right: Cells) -> None:
-    """Find no cell one side of which lies beyond both images: all of its place across would hang on the believed size.
+    """Find no cell that neither eye sees from side to side, along X or along Y: its place would hang on the size alone.
 
-    Where one eye sees the side, that eye's place outweighs the other's. A surface that a fast motion took by surprise
-    shows extents at the rim wrong by a tenth of a pixel, a hundred times what a side seen is off by.
+    Where one eye sees both sides, that eye's place outweighs the other's. A surface that a fast motion took by
+    surprise, or that few cells hold beyond a bar, shows extents at the rim wrong by a tenth of a pixel, a hundred times
+    what a side seen is off by.
     """
     for n in range(len(left.found)):
-        if left.outside[n] >= 0 and left.outside[n] == right.outside[n]:
-            for eye in (left, right):
-                eye.found[n] = eye.paired[n, 0] = eye.paired[n, 1] = False
+        for k in range(2):
+            if not (left.paired[n, k] or right.paired[n, k]):
+                for eye in (left, right):
+                    eye.found[n] = eye.paired[n, 0] = eye.paired[n, 1] = False
