@@ -95,7 +95,7 @@ def dense_model(steps: np.ndarray, f, a, v, form, noise) -> np.ndarray:
 def test_likelihood_slopes_and_information_are_those_of_a_complex_normal(modes, directions):
     band = noisy_band(0, directions)
     model = modes_of(0, modes, directions)
-    value, score, information = likelihood(band, model)
+    value, score, information = likelihood(band, model, -np.inf)
     y = band.coefficients.transpose(0, 2, 1).reshape(2, -1)
 
     def direct(steps: np.ndarray) -> float:
@@ -141,7 +141,7 @@ def test_a_close_pair_is_told_apart_from_a_poor_guess():
         band, _ = close_pair(300 + seed)
         guess = first_guess(band, np.array([0.728, 0.762]), np.array([0.01, 0.1]), np.eye(2) + 0.2)
         group = most_likely(band, guess)
-        assert group.likelihood > likelihood(band, guess)[0]
+        assert group.likelihood > likelihood(band, guess, -np.inf)[0]
         both = [posterior(band, group.modes, j, np.linalg.pinv(group.modes.shapes)[j]) for j in range(2)]
         for f, found in zip((0.73, 0.76), both, strict=True):
             rate = -pole(f).real

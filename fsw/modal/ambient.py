@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.uncertainty import turning
+from fsw.modal.beside import turning
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
@@ -38,6 +38,7 @@ class Peak:
     line_share: float
 
 
+@kernel
 def expected_peak(frequency_hz: FloatArray, centre_hz: float, decay_rate: float, duration_s: float) -> FloatArray:
     """Expected two-sided periodogram (k,) in 1/Hz of a unit-variance process with correlation exp(-a |tau|)
     cos(w tau).
@@ -45,11 +46,12 @@ def expected_peak(frequency_hz: FloatArray, centre_hz: float, decay_rate: float,
     decay_rate a in 1/s; duration T in s. The integral over tau from -T to T of (1 - |tau| / T) times the
     correlation: exact leakage.
     """
-    x = (decay_rate + 2j * np.pi * (frequency_hz - centre_hz)) * duration_s
-    small = np.abs(x) < 1e-3
-    safe = np.where(small, 1.0, x)
-    value = np.where(small, 0.5 - x / 6.0, 1.0 / safe - (1.0 - np.exp(-safe)) / safe**2)
-    return duration_s * value.real
+    value = np.empty(len(frequency_hz))
+    for k in range(len(frequency_hz)):
+        x = complex(decay_rate, 2.0 * np.pi * (frequency_hz[k] - centre_hz)) * duration_s
+        integral = 0.5 - x / 6.0 if abs(x) < 1e-3 else 1.0 / x - (1.0 - np.exp(-x)) / x**2
+        value[k] = duration_s * integral.real
+    return value
 
 
 def weigh_peak(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_ratio: float) -> Peak | None:
@@ -97,12 +99,13 @@ def _shared_out(periodogram: FloatArray, shape: FloatArray, variance: float, flo
     return variance, floor
 
 
+@kernel
 def _smooth_loss(f: FloatArray, periodogram: FloatArray) -> float:
     """Whittle loss of a spectrum without peaks: a power law over the band, of the right mean."""
     along, level = np.log(f) - np.mean(np.log(f)), np.log(periodogram)
     line = np.exp(np.mean(level) + along * (along @ level) / (along @ along))
-    line = line * float(np.mean(periodogram / line))
-    return float(np.sum(np.log(line) + periodogram / line))
+    line = line * np.mean(periodogram / line)
+    return np.sum(np.log(line) + periodogram / line)
 
 
 def _line_variance(signal: FloatArray, rate_hz: float, centre_hz: float) -> float:

@@ -71,15 +71,6 @@ class Scaled:
         return np.asarray(self.y / self.scale, np.float64)
 
 
-def power(y: Channels) -> FloatArray:
-    """Sum of squares (L,) of each channel."""
-    total = np.zeros(y.shape[1])
-    for part in _ticks(y):
-        block = y[part].astype(np.float64, copy=False)
-        total += np.einsum("ij,ij->j", block, block)
-    return total
-
-
 def amplitude_spectrum(y: Channels) -> FloatArray:
     """Rms over the channels (T, L) of their amplitudes at frequencies 0, 1 / T, ..., under Hann's window."""
     window = np.hanning(len(y)).astype(y.dtype)[:, None]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from fsw.modal.channels import Channels, Scaled, chosen, power, transposed_times
-from fsw.modal.gaps import fill_in_time, fill_through
+from fsw.modal.channels import Channels, Scaled, chosen, transposed_times
+from fsw.modal.gaps import Filled, filled, samples_of
 from fsw.modal.subspace import Subspace, leading_singular, orthonormal
 
 FloatArray = NDArray[np.float64]
@@ -68,91 +68,71 @@ def principal_coordinates(
     which saves a copy. A channel or tick that is mostly missing is left out; what is missing elsewhere is filled from
     the other channels through the coordinates themselves. known: of a record that overlaps with this one.
     """
-    present = np.isfinite(y)
-    live = (present.mean(axis=0) > _LEAST_SHARE) & (np.fmax.reduce(y, axis=0) > np.fmin.reduce(y, axis=0))
-    share = present[:, live].mean(axis=1) if live.any() else np.zeros(len(y))
-    complete = share >= 1.0
+    samples = samples_of(y)
+    live = (samples.of_channel > _LEAST_SHARE * len(y)) & samples.moves
+    width = int(live.sum())
+    there = samples.of_tick - np.count_nonzero(~np.isnan(y[:, ~live]), axis=1)
+    complete = (there == width) & (width > 0)
     # With few channels nothing can be filled from neighbours: true stamps make it cheap to leave such ticks
     # out.
-    kept = complete if live.sum() <= count and complete.mean() > 0.7 else share > _LEAST_SHARE
-    stamps, present = time_s[kept], chosen(present, kept, live, overwrite=True)
-    y = chosen(y, kept, live, overwrite)
+    kept = complete if width <= count and complete.mean() > 0.7 else there > _LEAST_SHARE * width
+    stamps, y = time_s[kept], chosen(y, kept, live, overwrite)
     if y.size == 0 or len(stamps) < 2:
         none = np.zeros((len(stamps), 0))
         return Coordinates(stamps, none, none[:0], none, live & False, kept, 0.0)
     stamps = stamps - stamps[0]
-    gaps = np.flatnonzero(~present).astype(np.int32)
-    if len(gaps):
-        fill_in_time(stamps, y, present)
-    del present
-    y -= y.mean(axis=0, dtype=np.float64)
+    record = filled(stamps, y)
     if y.shape[1] <= count:
         scale = y.std(axis=0, dtype=np.float64)
         signals, basis, subspace = y / scale, np.diag(scale), None
     else:
         known = known.of(live) if known is not None and known.live[live].all() else None
-        signals, V, scale = _project(y, gaps, count, known)
+        signals, V, scale = _project(record, count, known)
         basis, subspace = V * scale[:, None], Subspace(live, V, scale)
     return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps), subspace)
 
 
-def _project(
-    y: Channels, gaps: NDArray[np.int32], count: int, known: Subspace | None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _project(record: Filled, count: int, known: Subspace | None) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Signals (T, p), directions (L, p) and scale (L,) by principal components of channels of equal noise.
 
-    Fills the gaps of y. Passes over all channels are what costs: each round makes two, and the one that tells the noise
-    begins the next round's iteration.
+    Fills the gaps of the record. Passes over all channels are what costs: each round makes two, and the one that tells
+    the noise begins the next round's iteration. What is known is the first round's directions, as they are.
     """
-    energy = power(y)
-    overall = max(float(np.sqrt(np.mean(energy) / len(y))), 1e-300)
-    ranks = [count]
+    y = record.y
+    overall = max(float(np.sqrt(np.mean(record.energy) / len(y))), 1e-300)
+    start = None
     if known is None:
-        start, scale = None, np.full(y.shape[1], overall)
-        ranks = [*(rank for rank in _FILLING if rank < count and len(gaps)), count]
+        ranks = [*(rank for rank in _FILLING if rank < count and len(record.gaps)), count]
+        scale = np.full(y.shape[1], overall)
     else:
-        start, scale = _begin(y, gaps, count, known), known.scale
+        ranks, scale = [known.directions[:, :count].shape[1]], known.scale
     for rank in ranks:
-        left, signals, V = _fitted(Scaled(y, scale), gaps, rank, count, start)
-        energy = power(y) if len(gaps) else energy
-        seen = transposed_times(y, np.hstack([signals, left[:, rank:]]))
-        noise = np.sqrt(_mean_square_left(energy, seen[:, :rank], signals, V * scale[:, None]))
+        if known is None:
+            left, signals, V = _fitted(record, scale, rank, count, start)
+        else:
+            left, V = Scaled(y, scale).times(known.start(count)), np.ascontiguousarray(known.directions[:, :rank])
+            record.through(scale, signals := left[:, :rank].copy(), V)
+        # Those of the signals first, and the others for what they do not tell.
+        seen = transposed_times(y, orthonormal(np.hstack([signals, left[:, rank:]])))
+        square = np.maximum(record.energy - np.sum(seen[:, :rank] ** 2, axis=1), 0.0)
+        # A channel of which a direction is made leaves nothing, and would be taken for the best: what is left is so
+        # much of its noise as the directions do not take.
+        noise = np.sqrt(square / len(y) / np.maximum(1.0 - np.sum(V**2, axis=1), 1e-6))
         # No channel may claim to be much better than the others: the fit would chase it.
         scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
         start = seen / scale[:, None]
-    _, signals, V = _fitted(Scaled(y, scale), gaps, count, count, start)
+    _, signals, V = _fitted(record, scale, count, count, start)
     return signals, V, scale
 
 
 def _fitted(
-    scaled: Scaled, gaps: NDArray[np.int32], rank: int, count: int, start: FloatArray | None
+    record: Filled, scale: FloatArray, rank: int, count: int, start: FloatArray | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Left singular vectors (T, k), of them rank signals (T, rank), and directions (L, rank); fills the gaps."""
-    U, s, Vt = leading_singular(scaled, count, start)
+    U, s, Vt = leading_singular(Scaled(record.y, scale), count, start)
     signals, V = (np.ascontiguousarray(part) for part in (U[:, :rank] * s[:rank], Vt[:rank].T))
-    if len(gaps):
-        fill_through(scaled, gaps, signals, V)
+    record.through(scale, signals, V)
     return U, signals, V
-
-
-def _begin(y: Channels, gaps: NDArray[np.int32], count: int, known: Subspace) -> FloatArray:
-    """Vectors (L, k) to begin with, from what is known; fills the gaps of y."""
-    scaled, start = Scaled(y, known.scale), known.start(count)
-    seen = scaled.times(start)
-    if len(gaps):
-        V = np.ascontiguousarray(known.directions[:, :count])
-        fill_through(scaled, gaps, signals := seen[:, : V.shape[1]].copy(), V)
-        seen[:, : V.shape[1]] = signals
-    return scaled.transposed_times(orthonormal(seen))
-
-
-def _mean_square_left(energy: FloatArray, seen: FloatArray, signals: FloatArray, basis: FloatArray) -> FloatArray:
-    """Mean square (L,) of channels - signals basis^T, from products: no array of their size is made for it.
-
-    energy (L,), seen (L, p): products of the channels with themselves and with the signals.
-    """
-    left = energy - 2.0 * np.sum(seen * basis, axis=1) + np.sum((basis @ (signals.T @ signals)) * basis, axis=1)
-    return np.maximum(left, 0.0) / len(signals)
 
 
 def even_grid(stamps: FloatArray, signals: FloatArray, rate_hz: float) -> FloatArray:

@@ -8,6 +8,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from fsw.modal.beside import REACH, noise_beside
 from fsw.modal.candidates import Correlation, subspace_candidates
 from fsw.modal.clustering import Candidate, Pole
 from fsw.modal.coordinates import even_grid
@@ -15,7 +16,6 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.refinement import Fit, moved, project, refined, significance
 from fsw.modal.remainder import may_hold_a_mode
 from fsw.modal.result import Options
-from fsw.modal.uncertainty import REACH, noise_beside
 from fsw.modal.weighting import ROUNDING, whitening
 
 FloatArray = NDArray[np.float64]
@@ -23,8 +23,9 @@ ComplexArray = NDArray[np.complex128]
 
 # Fewer samples than this hold no mode.
 LEAST_SAMPLES = 24
-# Looks at the residual. Each can only add modes that the likelihood asks for.
-_PASSES = 4
+# Looks at the residual. Each can only add modes that the likelihood asks for. A motion of which the first two leave
+# more than this share of the energy is no sum of decays, and further ones would but patch it.
+_PASSES, _SURE_PASSES, _PATCHED = 4, 2, 0.02
 # Most rounds of refining poles and noise in turn, beyond the first. Each moves the poles by the same small share of
 # what the one before did: they stand once the next would move them by less than so many of their deviations.
 _REFINEMENTS, _STANDING = 3, 0.01
@@ -65,8 +66,11 @@ def find_decay(
     diagram: list[Pole] = []
     # At first the fit is the drift alone, of signals as they are: the whitening is known once modes are.
     settled = Settled(project(time_s, signals, np.zeros(0, np.complex128), degree), [], 1)
-    for _ in range(_PASSES):
+    still = settled.fit.cost
+    for look in range(_PASSES):
         fit, known, _coupled = settled
+        if look >= _SURE_PASSES and fit.span.fit(signals).cost > _PATCHED * still:
+            break
         left = even_grid(time_s, fit.residual, rate_hz)
         if known and not may_hold_a_mode(left, fit, _least_statistic(left.shape[1])):
             break
@@ -130,7 +134,8 @@ def _needless(time_s: FloatArray, fit: Fit) -> list[int]:
         return []
     values = significance(fit)
     apart = _cycles_apart(time_s, fit, fit.poles[:, None])
-    for j in map(int, np.argsort(values, kind="stable")):
+    crowded = np.count_nonzero(apart < _SPLIT, axis=1) > 1
+    for j in (int(j) for j in np.argsort(values, kind="stable") if crowded[j]):
         near = map(int, np.flatnonzero(apart[j] < _SPLIT))
         stronger = [i for i in near if values[i] > values[j] or (values[i] == values[j] and i < j)]
         if any(_split(fit, j, i, float(apart[j, i])) for i in stronger):

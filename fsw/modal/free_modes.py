@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.beside import beside, noise_beside
 from fsw.modal.candidates import Correlation
 from fsw.modal.channels import Channels, transposed_times
 from fsw.modal.clustering import Pole
@@ -26,12 +27,10 @@ from fsw.modal.refinement import Fit, refine
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.uncertainty import (
     at_upper_end,
-    beside,
     departure,
     fit_coherence,
     frequency_change,
     modal_sigmas,
-    noise_beside,
 )
 from fsw.modal.weighting import weighting_loss
 
@@ -69,18 +68,21 @@ def identify_decay(
     is_decay = convincing(time_s, signals, coordinates.rate_hz, fit, coherence, shares, falling)
     if not (is_decay or surely):
         return [], diagram, False
-    around = [beside(time_s, fit, j) for j in range(count)]
-    noise = np.array([there.noise for there in around])
+    noise, moves = np.empty(count), np.zeros(count, np.bool_)
+    chosen = np.flatnonzero(coherence > _NO_MODE)
+    for j in range(count):
+        around = beside(time_s, fit, j)
+        noise[j] = around.noise
+        moves[j] = j in chosen and varies(*frequency_change(time_s, fit, j, around), float(frequency_hz[j]))
     sigmas = at_upper_end(fit, modal_sigmas(fit.poles, fit.information, loss * noise), loss * noise)
     for j, found in enumerate(departures):
         sigmas[j] = widened(sigmas[j], *found, fit.poles[j], time_s)
     shapes = channel_shapes(fit.orthonormal, fit.triangle, coordinates.channels[start:], count)
     amplitude = np.max(np.abs(shapes), axis=1, initial=0.0)
     modes = []
-    chosen = np.flatnonzero(coherence > _NO_MODE)
     for j in map(int, chosen):
         flags = _flags(j, time_s, decay, frequency_hz, damping, sigmas, coherence, amplitude, coordinates.rate_hz)
-        if varies(*frequency_change(time_s, fit, j, around[j]), float(frequency_hz[j])):
+        if moves[j]:
             flags.append("time_varying")
         if amplitude[j] < options.minimum_amplitude:
             flags.append("weak")

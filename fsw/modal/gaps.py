@@ -1,140 +1,231 @@
 """Missing samples of a record: a first guess in time, then through the record's own principal coordinates."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.channels import Channels, Scaled
+from fsw.modal.channels import Channels
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 
-# Share of a direction that must be seen at a tick for the tick to speak for it.
-_UNTOLD = 0.03
+# What is left of the equations is no more than this part of the noise.
+_ARRIVED = 1e-3
 
 
-def fill_in_time(stamps: FloatArray, y: Channels, present: NDArray[np.bool_]) -> None:
-    """First guess, into y (T, L): linear in time, channel by channel; at the ends the nearest sample.
+@dataclass(frozen=True)
+class Samples:
+    """Where a record's samples are: how many in each tick (T,) and in each channel (L,), and which channels move."""
 
-    stamps (T,) increasing; present (T, L): each channel has a sample.
+    of_tick: NDArray[np.int64]
+    of_channel: NDArray[np.int64]
+    moves: NDArray[np.bool_]
+
+
+def samples_of(y: Channels) -> Samples:
+    """Where samples are, of channels (T, L) in which NaN stands for none."""
+    of_tick, of_channel = np.zeros(len(y), np.int64), np.zeros(y.shape[1], np.int64)
+    least, most = np.full(y.shape[1], np.inf, y.dtype), np.full(y.shape[1], -np.inf, y.dtype)
+    _count(y, of_tick, of_channel, least, most)
+    return Samples(of_tick, of_channel, most > least)
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A record without its mean, with guesses where no sample is, and what is kept up while the guesses get better.
+
+    y (T, L); gaps (G,): places in y, counted tick by tick, where no sample is; samples (L,): of each channel;
+    total, energy (L,): sum and sum of squares of each channel of y.
     """
-    _interpolate(stamps, y, present, np.full(y.shape[1], -1, np.int64))
+
+    y: Channels
+    gaps: NDArray[np.int32]
+    samples: NDArray[np.int64]
+    total: FloatArray
+    energy: FloatArray
+
+    def through(self, scale: FloatArray, signals: FloatArray, V: FloatArray) -> None:
+        """Fill the gaps through signals (T, r) = (y / scale) V, which become those of what is filled.
+
+        V (L, r) orthonormal; scale (L,): each channel's noise. A gap is told by what its tick's samples make of the
+        signals: by least squares, (V^T W V + 1 / P) a = V^T W y / scale, where P is the mean square of each signal. So
+        nothing stays of the guess before, nor does a direction that the samples hardly tell of follow their noise.
+        Source: Tipping and Bishop, 1999, probabilistic principal component analysis.
+        Then each channel's mean, which was taken with the guesses, becomes that of its samples less what the signals
+        tell: a channel that is off would step at the ends of its gaps.
+        """
+        if len(self.gaps) == 0:
+            return
+        told = np.empty(len(self.gaps))
+        _correct(self.y, self.gaps, scale, V, 1.0 / (np.mean(signals**2, axis=0) + 1e-300), signals, told)
+        beyond = self.total - scale * (V @ signals.sum(axis=0))
+        _take_away(self.y, self.gaps, told, beyond, self.samples, self.total, self.energy)
 
 
-def fill_through(scaled: Scaled, gaps: NDArray[np.int32], signals: FloatArray, V: FloatArray) -> None:
-    """Fill the gaps of scaled.y through its signals (T, r) = scaled V, which are corrected as well.
+def filled(stamps: FloatArray, y: Channels) -> Filled:
+    """The record y (T, L), which is changed: where it is NaN a first guess, and no mean.
 
-    gaps (G,): places in scaled.y (T, L), counted tick by tick, where no sample is; V (L, r) orthonormal.
-    Least squares on the channels that are there, tick by tick: (V^T W V) da = V^T W (y - V a). A direction that only
-    missing channels could tell keeps its value from the fill before.
+    The guess is linear in time (stamps (T,), increasing), channel by channel; at the ends it is the nearest sample.
     """
-    basis = V * scaled.scale[:, None]
-    _correct(scaled.y, gaps, scaled.scale, V, signals)
-    # Each channel's mean was taken with the guess in its gaps: what is there says how far it is off, and a channel
-    # that is off would step at the ends of its gaps.
-    wrong = -(basis @ signals.sum(axis=0))
-    _take_out_mean(scaled.y, gaps, basis, signals, wrong)
-    _put_in(scaled.y, gaps, basis, signals)
-
-
-@kernel
-def _interpolate(stamps: FloatArray, y: Channels, present: NDArray[np.bool_], last: NDArray[np.int64]) -> None:
-    """last (L,): -1."""
     count, width = y.shape
-    for t in range(count):
-        for c in range(width):
-            if not present[t, c]:
-                continue
-            for i in range(last[c] + 1, t):
-                if last[c] < 0:
-                    y[i, c] = y[t, c]
-                else:
-                    share = (stamps[i] - stamps[last[c]]) / (stamps[t] - stamps[last[c]])
-                    y[i, c] = y[last[c], c] * (1.0 - share) + y[t, c] * share
-            last[c] = t
-    for c in range(width):
-        for i in range(last[c] + 1, count):
-            y[i, c] = y[last[c], c]
+    gaps = np.flatnonzero(np.isnan(y)).astype(np.int32)
+    _interpolate(stamps, y, gaps)
+    total, energy = np.empty(width), np.empty(width)
+    _shift(y, y.mean(axis=0, dtype=np.float64), total, energy)
+    return Filled(y, gaps, count - np.bincount(gaps % width, minlength=width), total, energy)
 
 
 @kernel
-def _correct(y: Channels, gaps: NDArray[np.int32], scale: FloatArray, V: FloatArray, signals: FloatArray) -> None:
-    """Add da to the signals. V is orthonormal and a = V^T y: so V^T W V is 1 less what the gaps take from it, and what
-    is there pulls by what the gaps do not.
-    """
-    width, rank = V.shape
-    A, b = np.empty((rank, rank)), np.empty(rank)
-    i = 0
-    while i < len(gaps):
-        t = gaps[i] // width
-        b[:] = 0.0
-        A[:] = 0.0
-        for k in range(rank):
-            A[k, k] = 1.0 + _UNTOLD
-        while i < len(gaps) and gaps[i] // width == t:
-            c = gaps[i] % width
-            wrong, direction = y[t, c] / scale[c], V[c]
-            for k in range(rank):
-                wrong -= direction[k] * signals[t, k]
-            for k in range(rank):
-                share, row = direction[k], A[k]
-                b[k] -= share * wrong
-                for j in range(rank):  # whole rows go several numbers at a time
-                    row[j] -= share * direction[j]
-            i += 1
-        _solve(A, b)
-        for k in range(rank):
-            signals[t, k] += b[k]
-
-
-@kernel
-def _solve(A: FloatArray, b: FloatArray) -> None:
-    """Solve A x = b, A positive definite and given below its diagonal, by Cholesky; x replaces b, A is used up."""
-    for k in range(len(b)):
-        for i in range(k + 1):
-            total = A[k, i]
-            for j in range(i):
-                total -= A[k, j] * A[i, j]
-            A[k, i] = np.sqrt(total) if i == k else total / A[i, i]
-    for k in range(len(b)):
-        for j in range(k):
-            b[k] -= A[k, j] * b[j]
-        b[k] /= A[k, k]
-    for k in range(len(b) - 1, -1, -1):
-        for j in range(k + 1, len(b)):
-            b[k] -= A[j, k] * b[j]
-        b[k] /= A[k, k]
-
-
-@kernel
-def _take_out_mean(
-    y: Channels, gaps: NDArray[np.int32], basis: FloatArray, signals: FloatArray, wrong: FloatArray
+def _count(
+    y: Channels, of_tick: NDArray[np.int64], of_channel: NDArray[np.int64], least: Channels, most: Channels
 ) -> None:  # fmt: skip
-    """Take from y the mean of y - signals basis^T where samples are. wrong (L,): less the sums of signals basis^T."""
+    for t in range(y.shape[0]):
+        samples = 0
+        for c in range(y.shape[1]):
+            value = y[t, c]
+            there = not np.isnan(value)
+            samples += there
+            of_channel[c] += there
+            least[c] = value if value < least[c] else least[c]
+            most[c] = value if value > most[c] else most[c]
+        of_tick[t] = samples
+
+
+@kernel
+def _interpolate(stamps: FloatArray, y: Channels, gaps: NDArray[np.int32]) -> None:
     count, width = y.shape
-    samples = np.full(width, count)
-    for t in range(count):
-        for c in range(width):
-            wrong[c] += y[t, c]
     for place in gaps:
         t, c = place // width, place % width
-        value = np.float64(y[t, c])
-        for k in range(basis.shape[1]):
-            value -= basis[c, k] * signals[t, k]
-        wrong[c] -= value
-        samples[c] -= 1
-    for c in range(width):
-        wrong[c] /= max(samples[c], 1)
-    for t in range(count):
-        for c in range(width):
-            y[t, c] -= wrong[c]
+        if not np.isnan(y[t, c]):  # with the first of its gap
+            continue
+        after = t + 1
+        while after < count and np.isnan(y[after, c]):
+            after += 1
+        for i in range(t, after):
+            if after == count or t == 0:
+                y[i, c] = y[after, c] if after < count else y[t - 1, c]
+            else:
+                share = (stamps[i] - stamps[t - 1]) / (stamps[after] - stamps[t - 1])
+                y[i, c] = y[t - 1, c] * (1.0 - share) + y[after, c] * share
 
 
 @kernel
-def _put_in(y: Channels, gaps: NDArray[np.int32], basis: FloatArray, signals: FloatArray) -> None:
-    """Gaps of y become signals basis^T."""
-    for place in gaps:
-        t, c = place // len(basis), place % len(basis)
-        value = 0.0
-        for k in range(basis.shape[1]):
-            value += basis[c, k] * signals[t, k]
-        y[t, c] = value
+def _shift(y: Channels, off: FloatArray, total: FloatArray, energy: FloatArray) -> None:
+    """Take a constant (L,) from each channel of y, whose sums become total, energy (L,)."""
+    total[:] = 0.0
+    energy[:] = 0.0
+    for t in range(y.shape[0]):
+        for c in range(y.shape[1]):
+            y[t, c] -= off[c]
+            value = np.float64(y[t, c])
+            total[c] += value
+            energy[c] += value * value
+
+
+@kernel
+def _correct(
+    y: Channels,
+    gaps: NDArray[np.int32],
+    scale: FloatArray,
+    V: FloatArray,
+    doubt: FloatArray,
+    signals: FloatArray,
+    told: FloatArray,
+) -> None:
+    """Signals of y with its gaps filled through them; told (G,): what is filled in. doubt (r,): 1 / P.
+
+    V^T W V is 1 less what the gaps take from it. Where few are missing that is near 1, and conjugate gradients arrive
+    in a few steps, each of them two products with the gaps' directions.
+    """
+    width, rank = V.shape
+    # A tick's gaps side by side: their directions, and what is said of each.
+    G, at_gaps = np.empty((rank, width)), np.empty(width)
+    a, left, p, seen = np.empty((4, rank))
+    first = 0
+    while first < len(gaps):
+        t = gaps[first] // width
+        begin, n = t * width, 0
+        while first + n < len(gaps) and gaps[first + n] < begin + width:
+            c = gaps[first + n] - begin
+            at_gaps[n] = y[t, c] / scale[c]
+            for k in range(rank):
+                G[k, n] = V[c, k]
+            n += 1
+        # The samples' part, and the equations' left sides less it, where the signals are what they were.
+        a[:] = signals[t]
+        for k in range(rank):
+            for i in range(n):
+                signals[t, k] -= G[k, i] * at_gaps[i]
+        _tell(G, a, n, at_gaps)
+        square = 0.0
+        for k in range(rank):
+            left[k] = signals[t, k] - (1.0 + doubt[k]) * a[k]
+            for i in range(n):
+                left[k] += G[k, i] * at_gaps[i]
+            p[k] = left[k] / (1.0 + doubt[k])
+            square += left[k] * p[k]
+        for _ in range(rank):
+            if square <= _ARRIVED**2:
+                break
+            _tell(G, p, n, at_gaps)
+            curvature = 0.0
+            for k in range(rank):
+                along = (1.0 + doubt[k]) * p[k]
+                for i in range(n):
+                    along -= G[k, i] * at_gaps[i]
+                curvature += p[k] * along
+                seen[k] = along
+            step, before, square = square / curvature, square, 0.0
+            for k in range(rank):
+                a[k] += step * p[k]
+                left[k] -= step * seen[k]
+                square += left[k] ** 2 / (1.0 + doubt[k])
+            for k in range(rank):
+                p[k] = left[k] / (1.0 + doubt[k]) + square / before * p[k]
+        _tell(G, a, n, at_gaps)
+        for k in range(rank):
+            for i in range(n):
+                signals[t, k] += G[k, i] * at_gaps[i]
+        for i in range(n):
+            told[first + i] = at_gaps[i] * scale[gaps[first + i] - begin]
+        first += n
+
+
+@kernel
+def _tell(G: FloatArray, a: FloatArray, count: int, at_gaps: FloatArray) -> None:
+    """What coordinates a (r,) tell of the first gaps, of directions G (r, L)."""
+    at_gaps[:count] = 0.0
+    for k in range(len(a)):
+        for i in range(count):
+            at_gaps[i] += G[k, i] * a[k]
+
+
+@kernel
+def _take_away(
+    y: Channels,
+    gaps: NDArray[np.int32],
+    told: FloatArray,
+    beyond: FloatArray,
+    samples: NDArray[np.int64],
+    total: FloatArray,
+    energy: FloatArray,
+) -> None:
+    """Put what is told (G,) in the gaps of y, and take from the samples the mean of what the signals do not tell.
+
+    beyond (L,): sums of y less what the signals tell, guesses included.
+    """
+    width = y.shape[1]
+    for i in range(len(gaps)):
+        t, c = gaps[i] // width, gaps[i] % width
+        beyond[c] -= y[t, c] - told[i]
+    for c in range(width):
+        beyond[c] /= max(samples[c], 1)
+    _shift(y, beyond, total, energy)
+    for i in range(len(gaps)):
+        t, c = gaps[i] // width, gaps[i] % width
+        before, now = np.float64(y[t, c]), told[i]
+        y[t, c] = now
+        now = np.float64(y[t, c])
+        total[c] += now - before
+        energy[c] += now * now - before * before

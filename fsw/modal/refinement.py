@@ -91,6 +91,11 @@ class Fit:
         return self.span.tangent
 
     @cached_property
+    def columns(self) -> FloatArray:
+        """Tangent, span and residual side by side, (T, 4 m + d + p), for what is asked of all of them."""
+        return np.hstack([self.tangent, self.orthonormal, self.residual])
+
+    @cached_property
     def directions(self) -> FloatArray:
         """Unit vectors (m, p) of the coordinates along which each mode moves most."""
         waves = self.coefficients[: 2 * len(self.poles)].reshape(len(self.poles), 2, -1)

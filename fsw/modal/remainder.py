@@ -8,8 +8,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from fsw.modal.beside import turning
 from fsw.modal.refinement import Fit
-from fsw.modal.uncertainty import turning
 
 FloatArray = NDArray[np.float64]
 

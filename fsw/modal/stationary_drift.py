@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.beside import turning
 from fsw.modal.stationary_envelope import envelope, woodbury
 from fsw.modal.stationary_likelihood import half_band_hz
 from wingbeat.kernels import kernel
@@ -18,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 # Changes over the record that are tried, as shares of the frequency.
 CHANGES = np.linspace(-0.08, 0.08, 65)
-_NONE = len(CHANGES) // 2
+_NONE, _FIRST_AND_STEP = len(CHANGES) // 2, np.array([CHANGES[0], CHANGES[1] - CHANGES[0]])
 # Twice the log likelihood ratio that says a frequency moves, which chance gains in 1 case of 10 000; the least change
 # that matters, and the largest that is believed: what is likeliest towards the end of the changes is no mode that
 # moves, but a band that one mode does not explain.
@@ -47,9 +48,10 @@ def drift_profile(
     wide_hz = grid_hz[first : first + len(wide)]
     envelope = np.fft.ifft(wide, 2 * len(wide))
     time = (np.arange(len(envelope)) + 0.5) / len(envelope) - 0.5
-    turns = np.exp(-1j * np.pi * np.outer(CHANGES * frequency_hz * duration_s, time**2))
+    first_hz, step_hz = -0.5 * frequency_hz * duration_s * _FIRST_AND_STEP
+    turns = turning(time**2, first_hz, step_hz, len(CHANGES))
     inside = np.abs(wide_hz - frequency_hz) <= half_hz
-    y = np.fft.fft(envelope * turns, axis=1)[:, : len(wide)][:, inside]
+    y = np.fft.fft(envelope * (turns[0] + 1j * turns[1]), axis=1)[:, : len(wide)][:, inside]
     near_hz = frequency_hz + np.linspace(-_WIDTHS, _WIDTHS, _FREQUENCIES) * width_hz
     decay_rate = 2.0 * np.pi * frequency_hz * damping_ratio * np.geomspace(_SLOWEST, _FASTEST, _DECAYS)
     band_hz, turned = np.ascontiguousarray(wide_hz[inside]), np.ascontiguousarray(np.vstack([y.real, y.imag]).T)

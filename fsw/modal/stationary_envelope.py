@@ -69,12 +69,21 @@ def woodbury(
     for n in range(len(noise)):
         products[n, 0] -= 1.0
         products[n, 1] += 1.0
-        logarithm[n] = 0.0
-        product = products[n, 2] ** 2 - products[n, 0] * products[n, 1]
-        for k in range(count):
-            product *= d[k] + noise[n]
-            if product < 1e-150 or product > 1e150:  # a logarithm costs more than all the rest
-                logarithm[n] += np.log(product)
-                product = 1.0
-        logarithm[n] += np.log(product)
+        logarithm[n] = log_of_product(products[n, 2] ** 2 - products[n, 0] * products[n, 1], d, noise[n])
     return weights, logarithm, products
+
+
+@kernel
+def log_of_product(product: float, d: FloatArray, noise: float) -> float:
+    """Logarithm of a product with all d + noise (K,)."""
+    logarithm, eights = 0.0, len(d) - len(d) % 8
+    for k in range(0, eights, 8):  # one after the other they would wait for each other
+        first = ((d[k] + noise) * (d[k + 1] + noise)) * ((d[k + 2] + noise) * (d[k + 3] + noise))
+        second = ((d[k + 4] + noise) * (d[k + 5] + noise)) * ((d[k + 6] + noise) * (d[k + 7] + noise))
+        product *= first * second
+        if product < 1e-150 or product > 1e150:  # a logarithm costs more than all the rest
+            logarithm += np.log(product)
+            product = 1.0
+    for k in range(eights, len(d)):
+        product *= d[k] + noise
+    return logarithm + np.log(product)

@@ -109,13 +109,13 @@ def without(group: Group, band: Band, left_out: int, goal: float = np.nan) -> Gr
 def _search(band: Band, start: Modes, goal: float) -> tuple[Modes, float, FloatArray]:
     """Modes, log likelihood and information where Fisher scoring arrives. goal: as of without, or NaN."""
     modes = start
-    now, score, information = likelihood(band, modes)
+    now, score, information = likelihood(band, modes, -np.inf)
     caution = 1e-3
     for _ in range(_ROUNDS):
         before = now
         for _ in range(_TRIALS):
             trial = _stepped(modes, _step(information, score, caution), band)
-            its_now, its_score, its_information = likelihood(band, trial)
+            its_now, its_score, its_information = likelihood(band, trial, now)
             if its_now > now:
                 modes, now, score, information = trial, its_now, its_score, its_information
                 caution *= 0.1

@@ -40,11 +40,11 @@ class Modes(NamedTuple):
 
 
 @kernel
-def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]:
+def likelihood(band: Band, modes: Modes, least: float) -> tuple[float, FloatArray, FloatArray]:
     """Log likelihood of modes in a band, its slopes (n,) and the Fisher information (n, n).
 
     The n unknowns are each mode's frequency in Hz, ln decay rate, ln variance and turns of the shape (q - 1), mode by
-    mode, and ln noise.
+    mode, and ln noise. A likelihood of no more than the least is given without slopes and information.
     """
     pieces, count, q = band.coefficients.shape
     D, V, pair, c, sign = _slopes(band, modes)
@@ -72,23 +72,29 @@ def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]
         added[i, i] += 1.0 / sign[i]
     Q, logarithm = inverse(added)
     determinant += logarithm
-    # H = covariance^-1 v of all columns, their products N, and the part L of the inverse that is due to the ends.
+    # H = covariance^-1 v of all columns, and their products N.
     Z = Q @ N[:ranks]
     H = (flat - Z.T @ flat[:ranks]).reshape(R, q, count)
     N -= N[:ranks].copy().T @ Z
-    turned, L = (Q @ flat[:ranks]).reshape(ranks, q, count), np.zeros((q, q, count))
-    for i in range(ranks):
-        _add_outer(L, F[i], turned[i], 1.0)
     # Coefficients y, real parts and imaginary parts, and covariance^-1 y.
     y = np.empty((2 * pieces, q, count))
     for p in range(pieces):
         for a in range(q):
             y[2 * p, a], y[2 * p + 1, a] = band.coefficients[p, :, a].real, band.coefficients[p, :, a].imag
     along, weighed = y.reshape(2 * pieces, q * count) @ H.reshape(R, q * count).T, _through(E, y)
-    told = (pieces * (L.reshape(wide) - E.reshape(wide))).reshape(q, q, count)
     for p in range(2 * pieces):
         for i in range(ranks):
             weighed[p] -= sign[i] * along[p, i] * F[i]
+    square = np.sum(y.reshape(2 * pieces, q * count) * weighed.reshape(2 * pieces, q * count))
+    value = -pieces * determinant - square
+    if value <= least:
+        return value, np.empty(0), np.empty((0, 0))
+    # L: the part of the inverse that is due to the ends.
+    turned, L = (Q @ flat[:ranks]).reshape(ranks, q, count), np.zeros((q, q, count))
+    for i in range(ranks):
+        _add_outer(L, F[i], turned[i], 1.0)
+    told = (pieces * (L.reshape(wide) - E.reshape(wide))).reshape(q, q, count)
+    for p in range(2 * pieces):
         _add_outer(told, weighed[p], weighed[p], 1.0)
     # Slopes; traces of the products of slopes: the small matrices D and the pairs of columns among themselves, and D
     # with the columns and with the ends.
@@ -121,8 +127,7 @@ def likelihood(band: Band, modes: Modes) -> tuple[float, FloatArray, FloatArray]
         for j in range(2 * unknowns):
             o, p = pair[j]
             information[i // 2, j // 2] += 2.0 * c[i] * c[j] * (N[r, o] * N[s, p] + N[r, p] * N[s, o])
-    square = np.sum(y.reshape(2 * pieces, q * count) * weighed.reshape(2 * pieces, q * count))
-    return -pieces * determinant - square, score, pieces * information
+    return value, score, pieces * information
 
 
 @kernel

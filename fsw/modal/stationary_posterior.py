@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.modal.stationary_envelope import envelope, woodbury
+from fsw.modal.stationary_envelope import log_of_product
 from fsw.modal.stationary_likelihood import Group
 from fsw.modal.stationary_model import Band, Modes, likelihood
 from fsw.modal.uncertainty import au_law
@@ -76,7 +76,7 @@ def _grid(band: Band, alone: Modes) -> tuple[FloatArray, FloatArray, FloatArray]
     """Frequencies, decay rates, even in the logarithm, and ratios of noise to the mode's variance."""
     T = band.duration_s
     f, a = float(alone.frequency_hz[0]), float(alone.decay_rate[0])
-    sigmas = Group(alone, *likelihood(band, alone)[::2]).sigmas[0]
+    sigmas = Group(alone, *likelihood(band, alone, -np.inf)[::2]).sigmas[0]
     # The curvature may be less than the uncertainty law allows, where the noise has taken the peak's flanks.
     law_f, law_damping = au_law(f, a / (2.0 * np.pi * f), T * len(band.coefficients))
     f_sigma = max(float(sigmas[0]), law_f * f, 0.1 / T)
@@ -134,25 +134,45 @@ def _wave(band: Band, frequency_hz: float, falls: FloatArray) -> float:
 def _on_grid(band: Band, frequency_hz: FloatArray, decay_rate: FloatArray, ratio: FloatArray) -> FloatArray:
     """Log likelihood (F, D, N) of a band of one signal, up to a constant, at frequencies (F,), decay rates (D,) and
     ratios (N,) of noise to the mode; its scale integrated out.
+
+    The sums are those of woodbury and the parts d, a, b those of envelope, made in place: they are all that costs.
     """
     pieces, count, _ = band.coefficients.shape
     values = np.empty((len(frequency_hz), len(decay_rate), len(ratio)))
-    # Under the weights: the power, and the ends' products with each real and imaginary part of the coefficients.
-    y, others = np.empty((count, 2 * pieces)), np.zeros((count, 1 + 4 * pieces))
+    # Under the weights: the ends' products with each other, the power, and the ends' products with each real and
+    # imaginary part of the coefficients.
+    y, sums = np.empty((2 * pieces, count)), np.zeros((4 + 4 * pieces, count))
     for p in range(pieces):
-        y[:, 2 * p], y[:, 2 * p + 1] = band.coefficients[p, :, 0].real, band.coefficients[p, :, 0].imag
-    others[:, 0] = np.sum(y**2, axis=1)
+        for k in range(count):
+            value = band.coefficients[p, k, 0]
+            y[2 * p, k], y[2 * p + 1, k] = value.real, value.imag
+            sums[3, k] += value.real**2 + value.imag**2
+    products = np.empty((len(ratio), len(sums)))
+    off, weight, d, weights = np.empty(count), np.empty(count), np.empty(count), np.empty((len(ratio), count))
+    turn = 2.0 * np.pi * band.duration_s
     for i in range(len(frequency_hz)):
+        f = frequency_hz[i]
+        for k in range(count):
+            off[k], weight[k] = turn * (band.frequency_hz[k] - f), 2.0 * f / (band.frequency_hz[k] + f)
         for j in range(len(decay_rate)):
-            parts = envelope(band.frequency_hz, frequency_hz[i], decay_rate[j], band.duration_s, False)[0]
+            decay = decay_rate[j] * band.duration_s
+            ends = np.sqrt(2.0 * (1.0 - np.exp(complex(-decay, turn * f))))
             for k in range(count):
+                near = weight[k] / (decay**2 + off[k] ** 2)
+                d[k] = 2.0 * decay * near * weight[k]
+                a, b = near * (ends.real * decay + ends.imag * off[k]), near * (ends.imag * decay - ends.real * off[k])
+                sums[0, k], sums[1, k], sums[2, k] = a * a, b * b, a * b
                 for p in range(2 * pieces):
-                    others[k, 1 + 2 * p], others[k, 2 + 2 * p] = parts[1, k] * y[k, p], parts[2, k] * y[k, p]
-            _, logarithm, products = woodbury(parts, ratio, others)
+                    sums[4 + 2 * p, k], sums[5 + 2 * p, k] = a * y[p, k], b * y[p, k]
             for n in range(len(ratio)):
-                aa, bb, ab, square = products[n, :4]
+                for k in range(count):
+                    weights[n, k] = 1.0 / (d[k] + ratio[n])
+            np.dot(weights, sums.T, products)
+            for n in range(len(ratio)):
+                aa, bb, ab, square = products[n, 0] - 1.0, products[n, 1] + 1.0, products[n, 2], products[n, 3]
+                determinant = ab**2 - aa * bb
                 for p in range(2 * pieces):
                     a, b = products[n, 4 + 2 * p], products[n, 5 + 2 * p]
-                    square -= (a**2 * bb + b**2 * aa - 2.0 * a * b * ab) / (aa * bb - ab**2)
-                values[i, j, n] = -pieces * (logarithm[n] + count * np.log(square))
+                    square += (a**2 * bb + b**2 * aa - 2.0 * a * b * ab) / determinant
+                values[i, j, n] = -pieces * (log_of_product(determinant, d, ratio[n]) + count * np.log(square))
     return values

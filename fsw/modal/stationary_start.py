@@ -13,8 +13,10 @@ from scipy.special import chdtri
 
 from fsw.modal.stationary_envelope import envelope, woodbury
 from fsw.modal.stationary_likelihood import band_of, half_band_hz
+from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 # Decay rates and ratios of noise to the mode, times those found without a blow: what a blow feigns is slower and
 # stronger than the mode.
@@ -35,24 +37,47 @@ def start_gain(signal: FloatArray, rate_hz: float, frequency_hz: float, damping_
     reach_hz = half_band_hz(frequency_hz, damping_ratio, len(signal) / rate_hz)
     band = band_of(signal[:, None], rate_hz, frequency_hz - reach_hz, frequency_hz + reach_hz)
     y = band.coefficients[:, :, 0]  # of a record in pieces the first one holds the start
-    pieces, values = len(y), y.size
+    decay_rate = 2.0 * np.pi * frequency_hz * damping_ratio * _DECAYS
+    return _gain(band.frequency_hz, np.ascontiguousarray(y), frequency_hz, decay_rate, noise * _RATIOS, band.duration_s)
+
+
+@kernel
+def _gain(
+    band_hz: FloatArray,
+    y: ComplexArray,
+    frequency_hz: float,
+    decay_rates: FloatArray,
+    ratios: FloatArray,
+    duration_s: float,
+) -> float:
+    """The same of coefficients y (pieces, K), over decay rates (D,) and ratios (N,) of noise to the mode."""
+    pieces, count = y.shape
     stationary = struck = -np.inf
-    for decay_rate in 2.0 * np.pi * frequency_hz * damping_ratio * _DECAYS:
-        parts = envelope(band.frequency_hz, frequency_hz, decay_rate, band.duration_s, False)[0]
-        met = np.concatenate([parts[1] * y, parts[2] * y])
-        others = np.vstack([np.sum(y.real**2 + y.imag**2, axis=0), met.real, met.imag]).T
-        _, logarithm, products = woodbury(parts, noise * _RATIOS, others)
-        a, b, mixed = products[:, 0], products[:, 1], products[:, 2]
-        determinant = (a * b - mixed**2)[:, None]
-        by_a, by_b = np.split(products[:, 4 : 4 + 2 * pieces] + 1j * products[:, 4 + 2 * pieces :], 2, axis=1)
-        # The inverse of the ends' two by two, times what they meet of the coefficients.
-        of_a = (b[:, None] * by_a - mixed[:, None] * by_b) / determinant
-        of_b = (a[:, None] * by_b - mixed[:, None] * by_a) / determinant
-        square = products[:, 3] - np.sum((by_a.conj() * of_a + by_b.conj() * of_b).real, axis=1)
-        explained = np.abs(of_a[:, 0] + 1j * of_b[:, 0]) ** 2 / (-(a + b) / determinant[:, 0])
-        left = np.maximum(square - explained, 1e-12 * square)
-        stationary = max(stationary, float(np.max(-pieces * logarithm - values * np.log(square))))
-        struck = max(struck, float(np.max(-pieces * logarithm - values * np.log(left))))
+    others = np.empty((count, 1 + 4 * pieces))
+    for decay_rate in decay_rates:
+        parts = envelope(band_hz, frequency_hz, decay_rate, duration_s, False)[0]
+        for k in range(count):
+            others[k, 0] = 0.0
+            for p in range(pieces):
+                real, imag = y[p, k].real, y[p, k].imag
+                others[k, 0] += real**2 + imag**2
+                others[k, 1 + 4 * p], others[k, 2 + 4 * p] = parts[1, k] * real, parts[1, k] * imag
+                others[k, 3 + 4 * p], others[k, 4 + 4 * p] = parts[2, k] * real, parts[2, k] * imag
+        _, logarithm, products = woodbury(parts, ratios, others)
+        for n in range(len(ratios)):
+            a, b, mixed, square = products[n, :4]
+            determinant, explained = a * b - mixed**2, 0.0
+            for p in range(pieces):
+                by_a = complex(products[n, 4 + 4 * p], products[n, 5 + 4 * p])
+                by_b = complex(products[n, 6 + 4 * p], products[n, 7 + 4 * p])
+                # The inverse of the ends' two by two, times what they meet of the coefficients.
+                of_a, of_b = (b * by_a - mixed * by_b) / determinant, (a * by_b - mixed * by_a) / determinant
+                square -= (by_a.conjugate() * of_a + by_b.conjugate() * of_b).real
+                if p == 0:
+                    explained = -(abs(of_a + 1j * of_b) ** 2) * determinant / (a + b)
+            left = max(square - explained, 1e-12 * square)
+            stationary = max(stationary, -pieces * (logarithm[n] + count * np.log(square)))
+            struck = max(struck, -pieces * (logarithm[n] + count * np.log(left)))
     return 2.0 * (struck - stationary)
 
 

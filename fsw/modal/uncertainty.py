@@ -1,11 +1,9 @@
 """Intervals that tell the truth: Cramer-Rao, Au's law for ambient response, coloured noise, time variation."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.beside import Beside, turning
 from fsw.modal.realisation import frequency_and_damping
 from fsw.modal.refinement import Fit, pole_directions
 from wingbeat.kernels import kernel
@@ -13,16 +11,6 @@ from wingbeat.kernels import kernel
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-# Frequencies beside a mode, in units of 1 / T, at which the residual tells the noise: near enough to feel
-# its colour, but not the line itself, which the fit has emptied.
-REACH = 11
-# A frequency of which the fit leaves less than this share of white noise tells nothing.
-_CLEAR = 0.3
-# Of the two tangents of a pole, one that is shorter than the other by the root of this is none.
-_ROUNDING = 1e-15
-# The noise beside one mode in one direction is few samples: it is drawn towards that of all coordinates by
-# so many.
-_PRIOR_SAMPLES = 10.0
 # Frequencies to either side of a mode's own at which a fit is weighed against what it leaves.
 _HALF_BAND = 12
 # A record is looked at in at most so many stretches, of one period or more, of at least so many samples.
@@ -79,75 +67,6 @@ def au_law(frequency_hz: float, damping_ratio: float, duration_s: float) -> tupl
     return (damping_ratio / (2.0 * np.pi * cycles)) ** 0.5, (2.0 * np.pi * damping_ratio * cycles) ** -0.5
 
 
-@kernel
-def turning(time_s: FloatArray, first_hz: float, step_hz: float, count: int) -> FloatArray:
-    """Cosines and sines (2, count, T) at so many frequencies, evenly apart."""
-    waves = np.empty((2, count, len(time_s)))
-    for t in range(len(time_s)):
-        wave, turn = np.exp(2j * np.pi * first_hz * time_s[t]), np.exp(2j * np.pi * step_hz * time_s[t])
-        for k in range(count):
-            waves[0, k, t], waves[1, k, t] = wave.real, wave.imag
-            wave *= turn
-    return waves
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Frequencies beside a mode, 1 / T apart, at which the residual of a fit tells the noise.
-
-    waves (2 n, T): cosines and sines there; left_of_all, left_of_own (n,): of their energy, what lies outside of the
-    fit's span, and outside of the tangent of the mode's own pole as well; along (p,): direction of the mode's motion;
-    seen (2 n, p): products with the residual.
-    """
-
-    waves: FloatArray
-    left_of_all: FloatArray
-    left_of_own: FloatArray
-    along: FloatArray
-    seen: FloatArray
-
-    def power(self, seen: FloatArray) -> float:
-        """Power of what is seen there (2 n, p), along the mode's direction: 1 for white noise of unit variance."""
-        energy = float(np.vdot(seen, seen)) / seen.shape[1]
-        overall = energy / max(float(np.sum(self.left_of_all)), 1e-300)
-        clear = self.left_of_own > _CLEAR * self.waves.shape[1]
-        along = np.sum((seen @ self.along).reshape(2, -1) ** 2, axis=0)[clear]
-        power = float(np.sum(along / self.left_of_own[clear]))
-        return (power + _PRIOR_SAMPLES * overall) / (np.count_nonzero(clear) + _PRIOR_SAMPLES)
-
-    @property
-    def noise(self) -> float:
-        """Power of the residual."""
-        return self.power(self.seen)
-
-
-def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
-    """The frequencies beside one mode of a fit.
-
-    What the fit takes out of white noise at these frequencies (drift and other modes near by) is put back in
-    expectation. True stamps: a plain sum of exponentials needs no even grid.
-    """
-    duration_s, own = float(time_s[-1]), slice(2 * mode, 2 * mode + 2)
-    frequency_hz = abs(fit.poles[mode]) / (2.0 * np.pi)
-    steps = np.arange(max(int(np.floor(-frequency_hz * duration_s)) + 1, -REACH), REACH + 1)
-    waves = turning(time_s, frequency_hz + float(steps[0]) / duration_s, 1.0 / duration_s, len(steps))
-    waves = waves[:, np.abs(steps) > 1].reshape(-1, len(time_s))
-    spanned = np.sum((waves @ fit.orthonormal) ** 2, axis=1).reshape(2, -1).sum(axis=0)
-    values, vectors = np.linalg.eigh(fit.span.gram[own, own])
-    pulled = (
-        waves @ fit.tangent[:, own] @ (vectors / np.sqrt(np.where(values > _ROUNDING * values[-1], values, np.inf)))
-    )
-    left_of_all = np.maximum(len(time_s) - spanned, 0.0)
-    left_of_own = np.maximum(left_of_all - np.sum(pulled**2, axis=1).reshape(2, -1).sum(axis=0), 0.0)
-    return Beside(waves, left_of_all, left_of_own, fit.directions[mode], waves @ fit.residual)
-
-
-def noise_beside(time_s: FloatArray, fit: Fit, modes: Sequence[int] | None = None) -> FloatArray:
-    """Power (m,) of the residual beside the frequency of each mode (default: all), along the direction it moves in."""
-    chosen = range(len(fit.poles)) if modes is None else modes
-    return np.array([beside(time_s, fit, j).noise for j in chosen])
-
-
 def fit_coherence(time_s: FloatArray, fit: Fit, mode: int) -> float:
     """Share of the energy about a mode's frequency that its damped sinusoid explains, 0 to 1.
 
@@ -186,11 +105,27 @@ def in_stretches(time_s: FloatArray, signals: FloatArray, omega: float) -> tuple
     omega: its circular frequency in rad/s.
     """
     length_s = max(2.0 * np.pi / omega, float(time_s[-1]) / _STRETCHES)
-    begins = np.flatnonzero(np.diff(np.floor((time_s - time_s[0]) / length_s), prepend=-1.0))
-    samples = np.diff(begins, append=len(time_s)).astype(np.int64)
-    sums = np.add.reduceat(signals * np.exp(-1j * omega * time_s)[:, None], begins)
+    sums, samples = _sums(time_s, np.ascontiguousarray(signals), omega, length_s)
     enough = samples >= _LEAST_IN_STRETCH
-    return np.asarray(2.0 * sums[enough] / samples[enough][:, None], np.complex128), samples[enough]
+    return 2.0 * sums[enough] / samples[enough][:, None], samples[enough]
+
+
+@kernel
+def _sums(
+    time_s: FloatArray, signals: FloatArray, omega: float, length_s: float
+) -> tuple[ComplexArray, NDArray[np.int64]]:  # fmt: skip
+    """Sums (k, p) of signals (T, p) turned back, over each stretch that has samples, and how many these are."""
+    sums, samples = np.zeros((len(time_s), signals.shape[1]), np.complex128), np.zeros(len(time_s), np.int64)
+    place, last = -1, -1.0
+    for t in range(len(time_s)):
+        stretch = np.floor((time_s[t] - time_s[0]) / length_s)
+        if stretch != last:
+            place, last = place + 1, stretch
+        turn = np.exp(-1j * omega * time_s[t])
+        for k in range(signals.shape[1]):
+            sums[place, k] += signals[t, k] * turn
+        samples[place] += 1
+    return sums[: place + 1], samples[: place + 1]
 
 
 def frequency_change(time_s: FloatArray, fit: Fit, mode: int, around: Beside) -> tuple[float, float]:
