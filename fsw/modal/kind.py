@@ -32,7 +32,7 @@ _PARTS, _THERE = 3, 0.1
 _GLANCE, _PLAINLY_RANDOM = 4, 1.5 * LARGEST_DEPARTURE
 # Noise alone is so many times its mean in the worst stretch in 1 case of 10 000.
 _BY_CHANCE = 5.0
-# Of fewer cycles than this, what is slow may be the tallest; two peaks are as many apart.
+# A peak of fewer cycles than this is slow; two peaks are as many apart.
 _FEW_CYCLES = 5
 # A gap of more of a period than this is bridged too badly for a look.
 _BRIDGED = 0.25
@@ -43,14 +43,24 @@ _RED = 1.25
 def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     """Whether a record is worth fitting as a free decay; False only of one whose two tallest peaks are plainly random.
 
-    One alone may be a lamp's, and what drifts says nothing of a mode.
+    One alone may be a lamp's, and what drifts says nothing of a mode. Where the tallest of all has few cycles, the two
+    tallest of more are looked at, and it must be plainly random as well.
     """
     rate_hz, start = coordinates.rate_hz, onset(coordinates.time_s, coordinates.signals)
     even = even_grid(coordinates.time_s[start:], coordinates.signals[start:], rate_hz)
-    power = _spectrum(even - even.mean(axis=0))
-    cycles = int(np.argmax(power.sum(axis=1)))
-    hz = cycles * rate_hz / len(even)
-    if cycles < _FEW_CYCLES or float(np.max(np.diff(coordinates.time_s))) * hz > _BRIDGED:
+    still = even - even.mean(axis=0)
+    power = _spectrum(still)
+    slow, least = int(np.argmax(power.sum(axis=1))), _FEW_CYCLES
+    if slow < _FEW_CYCLES:
+        # The tallest that is not slow tells more: a few cycles are soon explained.
+        least += slow
+        power = _spectrum(still * np.hanning(len(still))[:, None])
+        power[:least] = 0.0
+    total = power.sum(axis=1)
+    cycles = int(np.argmax(total))
+    hz, slow_hz = (place * rate_hz / len(even) for place in (cycles, slow))
+    stands_out = slow == cycles or float(total[cycles]) > _HIGH * float(np.median(total))
+    if not stands_out or float(np.max(np.diff(coordinates.time_s))) * hz > _BRIDGED:
         return True
     loud = np.argsort(-power[cycles], kind="stable")[:_GLANCE]
     level = next(level for level in octaves(even[:, loud], rate_hz) if level.band_hz[0] <= hz)
@@ -62,9 +72,9 @@ def may_fall_freely(coordinates: Coordinates, options: Options) -> bool:
     left = project(time_s, level.signals, s, options.drift_degree).residual
     still = level.signals - level.signals.mean(axis=0)
     noise = float(np.sum(np.median(_spectrum(left), axis=0))) / (np.log(2.0) * len(left))
-    if _falls(time_s, still, left, noise, hz) or _drifts(time_s, left, hz):
+    if any(_falls(time_s, still, left, noise, f) for f in {hz, slow_hz}) or _drifts(time_s, left, hz):
         return True
-    second_hz = _second_hz(still, hz, level.rate_hz)
+    second_hz = _second_hz(still, hz, level.rate_hz, least)
     return second_hz is not None and _falls(time_s, still, left, noise, second_hz)
 
 
@@ -74,13 +84,13 @@ def _drifts(time_s: FloatArray, left: FloatArray, hz: float) -> bool:
     return own.size > 0 and float(np.mean(slow)) > _RED * float(np.mean(own))
 
 
-def _second_hz(signals: FloatArray, hz: float, rate_hz: float) -> float | None:
-    """Frequency of the tallest peak well apart from a taller one at hz, if it stands out of the noise."""
+def _second_hz(signals: FloatArray, hz: float, rate_hz: float, least: int) -> float | None:
+    """Frequency of the tallest peak of so many cycles or more, well apart from a taller one at hz, if it stands out."""
     duration_s = len(signals) / rate_hz
     power = _spectrum(signals * np.hanning(len(signals))[:, None]).sum(axis=1)
     cycles = np.arange(len(power))
     apart = max(float(_FEW_CYCLES), _ELSEWHERE * hz * duration_s)
-    power[(np.abs(cycles - hz * duration_s) <= apart) | (cycles < _FEW_CYCLES)] = 0.0
+    power[(np.abs(cycles - hz * duration_s) <= apart) | (cycles < least)] = 0.0
     place = int(np.argmax(power))
     return place / duration_s if power[place] > _HIGH * float(np.median(power)) else None
 
