@@ -14,6 +14,7 @@ from fsw.modal.indicators import shape_assurance
 from fsw.modal.result import Mode, Options, normalised
 from fsw.modal.small_matrices import pseudo_inverse
 from fsw.modal.stationary_drift import CHANGES, drift_profile, moves
+from fsw.modal.stationary_flanks import with_flanks
 from fsw.modal.stationary_groups import VERY_SHAPE, Refined, real_shape, refined
 from fsw.modal.stationary_peaks import overlooked, seen
 from fsw.modal.stationary_start import begin_with_a_blow, start_gain
@@ -64,6 +65,7 @@ def identify_ambient(
         series = signals @ modal_filter(candidate, found)
         peak = weigh_peak(series, rate_hz, candidate.frequency_hz, candidate.damping_ratio)
         if peak is not None and peak.gain > 0.0:
+            entry = with_flanks(entry, peak, series, rate_hz, found)
             split = entry.piece or _overlaps(candidate, found, duration_s)
             orders = max(candidate.count, poles.orders_under(candidate, duration_s))
             modes.append(_mode(entry, peak, orders, split, basis, coordinates, duration_s, options))

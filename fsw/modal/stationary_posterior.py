@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.stationary_envelope import log_of_product
-from fsw.modal.stationary_likelihood import Group
+from fsw.modal.stationary_likelihood import Group, most_likely
 from fsw.modal.stationary_model import Band, Modes, likelihood
 from fsw.modal.uncertainty import au_law
 from wingbeat.kernels import kernel
@@ -61,10 +61,27 @@ def posterior(band: Band, modes: Modes, mode: int, filtered: FloatArray) -> Esti
     weight = np.sum(np.exp(likelihood - top), axis=2) * decay**0.5
     weight /= np.sum(weight)
     f_mean, f_sigma = _moments(f, weight.sum(axis=1))
-    a_mean, a_sigma = _moments(decay, weight.sum(axis=0))
-    a_sigma = max(a_sigma, (_upper_end(decay, weight.sum(axis=0)) - a_mean) / _DEVIATIONS_UP)
+    a_mean, a_sigma = _decay_rate(decay, weight.sum(axis=0))
     steady, falling = (_wave(own, f_mean, falls) for falls in (_STEADY, _FALLING))
     return Estimate(f_mean, f_sigma, a_mean, a_sigma, 2.0 * (top - steady), 2.0 * (top - max(steady, falling)))
+
+
+def decay_rate_of(band: Band, start: Modes) -> tuple[float, float]:
+    """Decay rate in 1/s and its deviation, of the one mode in a band of one signal that holds many of its widths.
+
+    The frequency tells nothing of it there: it is held where it is most likely, and counts by its deviation, which
+    grows as a^1/2.
+    """
+    alone = most_likely(band, start).modes
+    _, decay, ratio = _grid(band, alone)
+    likelihood = _on_grid(band, alone.frequency_hz, decay, ratio)[0]
+    weight = np.sum(np.exp(likelihood - np.max(likelihood)), axis=1) * decay
+    return _decay_rate(decay, weight / np.sum(weight))
+
+
+def _decay_rate(decay: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    mean, sigma = _moments(decay, weight)
+    return mean, max(sigma, (_upper_end(decay, weight) - mean) / _DEVIATIONS_UP)
 
 
 def _moments(values: FloatArray, weight: FloatArray) -> tuple[float, float]:
