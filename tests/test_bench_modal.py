@@ -4,10 +4,14 @@ import json
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.stats
 from typer.testing import CliRunner
 
-from sim.bench import modal_on_board
-from sim.bench.modal_records import DAMPING
+from sim.bench import modal_on_board, modal_oracle
+from sim.bench.modal_bounds import cramer_rao, uncertainty_law
+from sim.bench.modal_oracle import oracle
+from sim.bench.modal_records import AMBIENT, DAMPING, pole, published, stationary
 from sim.bench.modal_scores import MEDIAN, Found, Score
 from wingbeat.cli import app
 
@@ -38,3 +42,34 @@ def test_tables_run_and_give_flat_rows(table, monkeypatch):
 def test_unknown_tables_are_refused():
     result = CliRunner().invoke(app, ["bench", "modal", "--rows", "nothing"])
     assert result.exit_code != 0 and "is no table" in str(result.exception)
+
+
+def test_the_oracle_of_a_decay_reaches_the_bound():
+    records = [published("D1", seed) for seed in range(100)]
+    found = [oracle("D1", record.time_s, record.noisy)[0] for record in records]
+    off = [
+        (np.array([mode.frequency_hz, mode.damping_ratio]) - [0.72, DAMPING]) / cramer_rao(record)[0]
+        for mode, record in zip(found, records, strict=True)
+    ]
+    assert np.sqrt(np.mean(np.square(off), axis=0)) == pytest.approx([1.0, 1.0], abs=0.2)
+
+
+def test_the_oracle_has_the_exact_likelihood_of_a_sampled_response():
+    signal = np.random.default_rng(1).standard_normal(40)
+    system = modal_oracle._system(0.72, DAMPING, 2.0, 20.0)
+    s = pole(0.72) / 20.0
+    # White force on a damped oscillator: the correlation of the displacement falls as a free vibration does.
+    correlation = 2.0 * (np.exp(s * np.arange(40)) * (1.0 + 1j * s.real / s.imag)).real
+    covariance = scipy.linalg.toeplitz(correlation) + 0.3 * np.eye(40)
+    direct = scipy.stats.multivariate_normal(np.zeros(40), covariance).logpdf(signal) + 20.0 * np.log(2.0 * np.pi)
+    assert modal_oracle._kalman(signal, *system, 0.3) == pytest.approx(direct, rel=1e-9)
+
+
+def test_the_oracle_of_a_response_is_right_within_its_deviations():
+    modes, duration_s, rate_hz, points, noise_mm = AMBIENT["A1"]
+    for seed in range(2):
+        found = oracle("A1", *stationary(modes, duration_s, rate_hz, points, noise_mm, 500 + seed))
+        for mode, hz in zip(found, modes.values(), strict=True):
+            law = uncertainty_law(hz, duration_s)
+            assert abs(mode.frequency_hz - hz) < 4.0 * mode.frequency_sigma_hz < 10.0 * law[0]
+            assert abs(mode.damping_ratio - DAMPING) < 4.0 * mode.damping_ratio_sigma < 10.0 * law[1]

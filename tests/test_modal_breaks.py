@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from fsw.channels import read_channels
+from fsw.modal import pipeline
+from fsw.modal.autoregression import Predicted, predict
 from fsw.modal.breaks import last_break
-from fsw.modal.coordinates import principal_coordinates
+from fsw.modal.coordinates import Coordinates, principal_coordinates
 from fsw.modal.pieces import telling_piece
 from fsw.modal.pipeline import identify
 from fsw.modal.result import Options
 from fsw.tasks.identify import LONG_GAP_TICKS, UNCONFIRMED, cells_to_use, confirmed, pole_of
 from sim.bench.modal_broken import BREAKS, broken, misleads
-from sim.bench.modal_records import flight, moving, published
+from sim.bench.modal_records import AMBIENT, flight, moving, published, stationary
 
 FloatArray = NDArray[np.float64]
 RECORDS = Path(__file__).parents[2] / "shared" / "data" / "records"
@@ -191,7 +193,25 @@ def test_records_that_do_not_break_are_not_cut() -> None:
             (c.time_s, c.y) for c in (read_channels(RECORDS / f"{name}.npz") for name in ("slab", "shear_frame"))
         ]
     for time_s, y in records:
-        assert telling_piece(principal_coordinates(time_s, y, Options().coordinates)) is None
+        assert telling_piece(predict(principal_coordinates(time_s, y, Options().coordinates))) is None
+
+
+def test_a_record_is_predicted_once_and_only_where_it_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    predicted: list[object] = []
+
+    def counted(coordinates: Coordinates) -> Predicted | None:
+        predicted.append(coordinates)
+        return predict(coordinates)
+
+    monkeypatch.setattr(pipeline, "predict", counted)
+    modes, _, rate_hz, points, noise_mm = AMBIENT["A1"]
+    record = stationary(modes, 60.0, rate_hz, points, noise_mm, 4)
+    assert identify(*record, after_break=True).valid_modes and len(predicted) == 1
+    assert identify(*record, whole=True, after_break=True).valid_modes and len(predicted) == 2
+    assert identify(*record, whole=True).valid_modes and len(predicted) == 2
+    noise = np.random.default_rng(4).standard_normal((600, 8))
+    assert not identify(np.arange(600) / RATE_HZ, noise, whole=True, after_break=True).valid_modes
+    assert len(predicted) == 2, "where nothing is believed, nothing is asked"
 
 
 @pytest.mark.requirement("WB-MOD-10")

@@ -22,19 +22,20 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Predicted:
-    """grid (T, p): the loudest coordinates on an even grid of time. judged (k,): samples of it that were measured
-    together with the lags before them; errors (k, p): what the model left of these. least: variance of rounding.
+    """grid (T, p): the loudest coordinates at rate_hz. judged (k,): samples of it that were measured together with the
+    lags before them; errors (k, p): what the model left of these. least: variance of rounding.
     """
 
     grid: FloatArray
+    rate_hz: float
     lags: int
     judged: NDArray[np.int64]
     errors: FloatArray
     least: float
 
-    def squares(self, regular: NDArray[np.bool_]) -> FloatArray:
-        """Squared length (k,) of each error, in units of the covariance of the regular ones (k,)."""
-        some = self.errors[regular]
+    def squares(self, regular: NDArray[np.bool_] | None = None) -> FloatArray:
+        """Squared length (k,) of each error, in units of the covariance of the regular ones (k,), or of all."""
+        some = self.errors if regular is None else self.errors[regular]
         covariance = some.T @ some / len(some) + self.least * np.eye(some.shape[1])
         return np.asarray(np.sum(self.errors * np.linalg.solve(covariance, self.errors.T).T, axis=1))
 
@@ -51,7 +52,7 @@ def predict(coordinates: Coordinates) -> Predicted | None:
         lags = numbers // width
         judged = lags + np.flatnonzero(_whole_windows(time_s, rate_hz, len(grid), lags))
         if len(judged) > _ROWS_OF_AN_UNKNOWN * numbers:
-            return Predicted(grid, lags, judged, *_errors(grid, judged, lags))
+            return Predicted(grid, rate_hz, lags, judged, *_errors(grid, judged, lags))
     return None
 
 

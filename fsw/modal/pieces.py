@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from fsw.modal.autoregression import Predicted, predict
-from fsw.modal.coordinates import Coordinates
+from fsw.modal.autoregression import Predicted
 
 FloatArray = NDArray[np.float64]
 
@@ -21,12 +20,12 @@ _TOGETHER, _CHANCE = 4, 1e-12
 _MOST_BREAKS = 3
 
 
-def telling_piece(coordinates: Coordinates) -> tuple[float, float] | None:
-    """Begin and end of the piece between breaks that tells most of the modes; None if there is no break.
+def telling_piece(predicted: Predicted | None) -> tuple[float, float] | None:
+    """Begin and end of the piece between breaks that tells most of the modes; None if there is no break, or if no model
+    could predict the record.
 
     In s on the coordinates' time, half a period away from the samples.
     """
-    predicted = predict(coordinates)
     if predicted is None:
         return None
     grid, lags = predicted.grid, predicted.lags
@@ -38,7 +37,7 @@ def telling_piece(coordinates: Coordinates) -> tuple[float, float] | None:
     edges = [0, *(edge for stretch in breaks for edge in (stretch[0] - lags - _TOGETHER, stretch[-1] + 1)), len(grid)]
     pieces = [(a, b) for a, b in zip(edges[0::2], edges[1::2], strict=True) if b > a]
     begin, end = max(pieces, key=lambda piece: _telling(grid[slice(*piece)]))
-    return (begin - 0.5) / coordinates.rate_hz, (end - 0.5) / coordinates.rate_hz
+    return (begin - 0.5) / predicted.rate_hz, (end - 0.5) / predicted.rate_hz
 
 
 def _telling(signals: FloatArray) -> float:

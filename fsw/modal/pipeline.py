@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.modal.autoregression import predict
 from fsw.modal.channels import Channels, amplitude_spectrum
 from fsw.modal.clustering import Pole
 from fsw.modal.coordinates import Coordinates, principal_coordinates
@@ -64,7 +65,8 @@ def identify(
     most = max(min(settings.coordinates, len(time_s) // _SAMPLES_OF_A_COORDINATE), 1)
     may_be_cut = u is None and not whole
     coordinates = principal_coordinates(time_s, y, most, overwrite and not may_be_cut, known)
-    piece = telling_piece(coordinates) if may_be_cut else None
+    predicted = predict(coordinates) if may_be_cut else None
+    piece = telling_piece(predicted)
     if piece is not None:
         first = int(np.argmax(coordinates.kept))
         begin, end = np.searchsorted(time_s, time_s[first] + piece)
@@ -103,7 +105,8 @@ def identify(
             modes, poles = driven, of_driven
         # Whatever the caller said, a stationary response does not fall; and what the blows of a loose panel feign is
         # another frequency each time.
-        if falls or (after_break and decided == "ambient" and not is_steady(coordinates)):
+        doubted = after_break and decided == "ambient" and any(mode.valid for mode in modes)
+        if falls or (doubted and not is_steady(predicted or predict(coordinates))):
             modes = [mode.flagged("not_exponential") for mode in modes]
     modes = _pairs_flagged(sorted(modes, key=lambda mode: mode.frequency_hz))
     record = Record(float(coordinates.time_s[-1]), count, coordinates.rate_hz)

@@ -141,7 +141,9 @@ def spanned(time_s: FloatArray, poles: ComplexArray, drift: FloatArray) -> Span:
 @lru_cache
 def _upper(size: int) -> FloatArray:
     """Ones (size, size) on the diagonal and above."""
-    return np.asfortranarray(np.triu(np.ones((size, size))))
+    upper = np.asfortranarray(np.triu(np.ones((size, size))))
+    upper.flags.writeable = False
+    return upper
 
 
 def project(time_s: FloatArray, signals: FloatArray, poles: ComplexArray, drift_degree: int) -> Fit:

@@ -6,19 +6,16 @@ force's share of each sample: of steady Gaussian noise its kurtosis (Mardia 1970
 
 import numpy as np
 
-from fsw.modal.autoregression import predict
-from fsw.modal.coordinates import Coordinates
+from fsw.modal.autoregression import Predicted
 
 # Largest kurtosis, over a normal distribution's. Of 400 samples steady noise has 1 +- 0.03; blows that are as many as
 # those of a panel loose between its stops have 1.8 and more, a force that ends halfway 6 and more.
 _LARGEST_KURTOSIS = 1.3
 
 
-def is_steady(coordinates: Coordinates) -> bool:
-    """Whether the force behind a stationary response is steady noise; False where the record cannot tell."""
-    predicted = predict(coordinates)
+def is_steady(predicted: Predicted | None) -> bool:
+    """Whether the force behind a stationary response is steady noise; False where no model could predict it."""
     if predicted is None:
         return False
     width = predicted.errors.shape[1]
-    squares = predicted.squares(np.ones(len(predicted.errors), np.bool_))
-    return float(np.mean(squares**2)) < _LARGEST_KURTOSIS * width * (width + 2.0)
+    return float(np.mean(predicted.squares() ** 2)) < _LARGEST_KURTOSIS * width * (width + 2.0)

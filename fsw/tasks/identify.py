@@ -138,7 +138,6 @@ class Identify:
         # A record that has nothing in common with the one before begins by itself.
         overlaps = not start and time_ns[0] <= self._delivered_ns
         known = self._subspace.of(channels) if self._subspace is not None and overlaps else None
-        broke = self._since_ns != LONG_AGO_NS
         result = identify(
             time_s,
             y,
@@ -147,7 +146,7 @@ class Identify:
             overwrite=True,
             known=known,
             whole=True,
-            after_break=broke,
+            after_break=self._has_broken,
         )
         self._next_subspace = result.subspace.among(channels) if result.subspace is not None else None
         return replace(result, modes=[self._with_clock(mode) for mode in result.modes])
@@ -175,12 +174,17 @@ class Identify:
         return int(newest[start]) if start else 0
 
     @property
+    def _has_broken(self) -> bool:
+        """Whether a break of the motion is known of."""
+        return self._since_ns != LONG_AGO_NS
+
+    @property
     def _settled(self) -> bool:
         """Whether the record is full since the last break. Until then what goes on shaking the wing biases all
         estimates alike: only what was valid before the break confirms a mode, and nothing takes its place.
         """
         samples = self._result.record.samples if self._result is not None else 0
-        return self._since_ns == LONG_AGO_NS or samples >= self._table.history_ticks
+        return not self._has_broken or samples >= self._table.history_ticks
 
     def _with_clock(self, mode: Mode) -> Mode:
         """The same mode, no surer of its frequency than the clock that times the frames."""

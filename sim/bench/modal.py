@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from fsw.modal.pipeline import identify
 from sim.bench import modal_loop, modal_on_board, modal_robust
 from sim.bench.modal_bounds import cramer_rao, uncertainty_law
+from sim.bench.modal_oracle import oracle
 from sim.bench.modal_peers import peers
 from sim.bench.modal_records import AMBIENT, DECAYS, FloatArray, published, stationary
 from sim.bench.modal_scores import Found, Score, cover_percent
@@ -77,6 +78,7 @@ def _score(table: str, case: str, runs: int, seed: int) -> tuple[list[Row], Scor
     modes = (DECAYS | AMBIENT)[case][0]
     frequency_hz = list(modes.values())
     methods: dict[str, Method] = {"wingbeat": ours} | peers(table, len(modes))
+    methods["oracle"] = lambda time_s, y: oracle(case, time_s, y)
     scores = {name: Score(frequency_hz) for name in methods}
     for run in range(runs):
         time_s, y, bound = _record(table, case, seed + run)
