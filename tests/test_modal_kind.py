@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from fsw.modal import decay
 from fsw.modal.coordinates import principal_coordinates
+from fsw.modal.correlation import fixed_window
 from fsw.modal.kind import may_fall_freely
 from fsw.modal.result import Options
-from sim.bench.modal_records import AMBIENT, DECAYS, free_decay, published, stationary
+from sim.bench.modal_records import AMBIENT, DECAYS, ON_BOARD, free_decay, published, stationary
 
 
 def worth_a_fit(time_s, y):
@@ -20,6 +22,28 @@ def test_a_random_response_is_seldom_fitted_as_a_decay(duration_s, rate_hz, leas
     modes, _, _, points, noise_mm = AMBIENT["A2"]
     refused = [not worth_a_fit(*stationary(modes, duration_s, rate_hz, points, noise_mm, 500 + s)) for s in range(20)]
     assert np.mean(refused) >= least
+
+
+def test_of_a_few_cycles_random_responses_are_refused_and_decays_are_not():
+    modes, rate_hz, points, noise_mm = ON_BOARD
+    for seconds in (4.0, 6.0):
+        time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+        assert all(worth_a_fit(time_s, free_decay(modes, time_s, points, noise_mm, 530 + s).noisy) for s in range(8))
+    refused = [not worth_a_fit(*stationary(modes, 6.0, rate_hz, points, noise_mm, 530 + s)) for s in range(24)]
+    assert np.mean(refused) >= 0.3
+
+
+@pytest.mark.parametrize("seed", [540, 541, 542, 543])
+def test_what_two_looks_leave_much_of_is_not_looked_at_again(seed, monkeypatch):
+    modes, rate_hz, points, noise_mm = ON_BOARD
+    looks = []
+    search = decay.subspace_candidates
+    monkeypatch.setattr(decay, "subspace_candidates", lambda *given: looks.append(given) or search(*given))
+    coordinates = principal_coordinates(*stationary(modes, 6.0, rate_hz, points, noise_mm, seed), 12)
+    settled, _ = decay.find_decay(coordinates.time_s, coordinates.signals, rate_hz, fixed_window, Options())
+    moving = coordinates.signals - coordinates.signals.mean(axis=0)
+    left = settled.fit.span.fit(coordinates.signals).cost / np.sum(moving**2)
+    assert len(looks) <= 2 or left < 0.02
 
 
 @pytest.mark.parametrize("gap", [0, 3, 15])

@@ -106,6 +106,8 @@ def test_likelihood_slopes_and_information_are_those_of_a_complex_normal(modes, 
     count = len(score)
     assert count == modes * (directions + 2) + 1
     assert value == pytest.approx(direct(np.zeros(count)), rel=1e-9)
+    its_value, *rest = likelihood(band, model, value)
+    assert its_value == value and [part.size for part in rest] == [0, 0]
     steps = 1e-5 * np.eye(count)
     assert np.allclose(score, [(direct(e) - direct(-e)) / 2e-5 for e in steps], rtol=1e-4, atol=1e-3)
     weight = np.linalg.inv(dense_model(np.zeros(count), *model))
