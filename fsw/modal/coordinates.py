@@ -86,7 +86,10 @@ def principal_coordinates(
         scale = y.std(axis=0, dtype=np.float64)
         signals, basis, subspace = y / scale, np.diag(scale), None
     else:
-        known = known.of(live) if known is not None and known.live[live].all() else None
+        # A record with gaps begins by itself: what is known of the one before may follow that one's guesses, which a
+        # single round does not correct, and which look like modes of high damping.
+        whole = len(record.gaps) == 0
+        known = known.of(live) if known is not None and whole and known.live[live].all() else None
         signals, V, scale = _project(record, count, known)
         basis, subspace = V * scale[:, None], Subspace(live, V, scale)
     return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps), subspace)
