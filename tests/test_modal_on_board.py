@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw.modal.channels import Scaled, amplitude_spectrum, chosen
+from fsw.modal.coordinates import principal_coordinates
 from fsw.modal.gaps import filled
 from fsw.modal.pipeline import identify
 from sim.bench.modal_on_board import kept
@@ -123,9 +124,10 @@ def _slid(record, seconds, known=None):
     return results
 
 
-def test_what_is_known_of_the_record_before_changes_the_result_by_less_than_its_sigma():
+@pytest.mark.parametrize("missing", [0.0, 0.02])
+def test_what_is_known_of_the_record_before_changes_the_result_by_less_than_its_sigma(missing):
     time_s, y = _on_board(10.0, 3)
-    y[np.random.default_rng(3).uniform(size=y.shape) < 0.02] = np.nan
+    y[np.random.default_rng(3).uniform(size=y.shape) < missing] = np.nan
     for warm, k in zip(_slid((time_s, y), 4), range(4), strict=True):
         cold = identify(time_s[:276], y[round(k * 46.0) :][:276].astype(np.float32))
         assert len(cold.valid_modes) == 4
@@ -170,3 +172,14 @@ def test_of_fewer_channels_the_known_is_used_and_of_others_it_is_not():
     stranger = known.of(fewer).among(fewer)  # does not know the rest
     alone, begun = identify(time_s, y), identify(time_s, y, known=stranger)
     assert [m.frequency_hz for m in alone.modes] == [m.frequency_hz for m in begun.modes]
+
+
+def test_a_record_with_gaps_begins_by_itself_and_one_without_does_not():
+    """Known directions may follow the guesses in the gaps of the record that they come from."""
+    time_s, y = _on_board(8.0, 7)
+    known = identify(time_s[:276], y[:276].copy()).subspace
+    for gaps in (0, 3):
+        record = y[92:].copy()
+        record[50 : 50 + gaps, 7] = np.nan
+        alone, begun = (principal_coordinates(time_s[92:], record, 12, known=given) for given in (None, known))
+        assert np.array_equal(alone.signals, begun.signals) == (gaps > 0)
