@@ -8,11 +8,12 @@ import scipy.linalg
 import scipy.stats
 from typer.testing import CliRunner
 
-from sim.bench import modal_on_board, modal_oracle
+from sim.bench import modal_beside, modal_on_board, modal_oracle
+from sim.bench.modal_beside import beside
 from sim.bench.modal_bounds import cramer_rao, uncertainty_law
 from sim.bench.modal_oracle import oracle
 from sim.bench.modal_records import AMBIENT, DAMPING, pole, published, stationary
-from sim.bench.modal_scores import MEDIAN, Found, Score
+from sim.bench.modal_scores import MEDIAN, WITHIN, Found, Score
 from wingbeat.cli import app
 
 
@@ -26,6 +27,56 @@ def test_scores_of_known_modes():
     assert (first["frequency_cover_percent"], first["damping_cover_percent"]) == (100.0, 0.0)
     assert second["missed"] == 1 and second["frequency_error_median_percent"] is None
     assert (whole["missed"], whole["spurious_a_record"], whole["cpu_ms"]) == (1, 1.0, 100.0)
+
+
+def test_a_record_as_a_whole_has_the_errors_of_all_its_modes():
+    score = Score([0.72, 3.0])
+    bound = np.array([[0.001, 0.0001], [0.01, 0.001]])
+    for offs in ((1.0, 4.0), (2.0, np.nan), (3.0, 5.0)):
+        modes = zip([0.72, 3.0], bound, offs, strict=True)
+        score.add([Found(f + n * a, DAMPING - n * b, a, 2.0 * b) for f, (a, b), n in modes], bound, 0.1)
+    *_, whole = score.rows("t", "m", "c")
+    # Five modes found of six: 1, 2, 3, 4, 5 times the bound.
+    assert [whole["frequency_over_bound"], whole["damping_over_bound"]] == pytest.approx([3.0 / MEDIAN] * 2)
+    assert (whole["frequency_cover_percent"], whole["damping_cover_percent"]) == pytest.approx((20.0, 60.0))
+    assert whole["missed"] == 1
+
+
+def _scores(errors):
+    """A score of one mode with these errors of frequency and damping over the bound; NaN: missed."""
+    score, bound = Score([3.0]), np.array([[0.001, 0.0001]])
+    for n in errors:
+        score.add([Found(3.0 + n * bound[0, 0], DAMPING + n * bound[0, 1])] if np.isfinite(n) else [], bound, 0.1)
+    return score
+
+
+def test_beside_peers_stands_the_nearest_on_what_both_found():
+    rng = np.random.default_rng(2)
+    own = rng.standard_normal(100)
+    worse, nearer = 2.0 * own, np.where(np.arange(100) < 10, np.nan, 0.5 * own)
+    scores = {"worse": _scores(worse), "nearer": _scores(nearer), "blind": _scores(np.full(100, np.nan))}
+    rows = beside("t", "c", _scores(own), scores, _scores(own))
+    assert [row["column"] for row in rows[:4]] == [
+        f"{n} {q}" for n in ("frequency", "damping") for q in ("median", "p95")
+    ]
+    for row, share, unit in zip(rows[:2], (0.5, 0.95), (MEDIAN, WITHIN), strict=True):
+        told = np.quantile(np.abs(own[10:]), share) / unit
+        assert (row["method"], row["peer_missed"]) == ("nearer", 10)
+        assert [row["wingbeat"], row["oracle"], row["peer"]] == pytest.approx([told, told, 0.5 * told])
+        assert row["nearer_by"] == pytest.approx(-0.5 * told)
+    assert beside("t", "c", _scores(own), {"blind": scores["blind"]}, _scores(own)) == []
+
+
+def test_the_deviation_beside_a_peer_is_that_of_other_records(monkeypatch):
+    monkeypatch.setattr(modal_beside, "_DRAWS", 50)
+    rng = np.random.default_rng(3)
+    nearer_by, told = [], []
+    for _ in range(100):
+        own = rng.standard_normal((60, 1))
+        errors = np.abs([own, own + 0.3 * rng.standard_normal(own.shape)])
+        nearer_by.append(np.subtract(*np.median(errors, axis=1)))
+        told.append(modal_beside._deviation(errors, 0.5))
+    assert np.median(told) == pytest.approx(np.std(nearer_by), rel=0.3)
 
 
 @pytest.mark.parametrize("table", ["decay", "loop", "on_board"])

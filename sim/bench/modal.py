@@ -8,6 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from fsw.modal.pipeline import identify
 from sim.bench import modal_loop, modal_on_board, modal_robust
+from sim.bench.modal_beside import beside
 from sim.bench.modal_bounds import cramer_rao, uncertainty_law
 from sim.bench.modal_oracle import oracle
 from sim.bench.modal_peers import peers
@@ -77,8 +78,8 @@ def _score(table: str, case: str, runs: int, seed: int) -> tuple[list[Row], Scor
     """Rows of every method on the same records, and the own method's score."""
     modes = (DECAYS | AMBIENT)[case][0]
     frequency_hz = list(modes.values())
-    methods: dict[str, Method] = {"wingbeat": ours} | peers(table, len(modes))
-    methods["oracle"] = lambda time_s, y: oracle(case, time_s, y)
+    others = peers(table, len(modes))
+    methods: dict[str, Method] = {"wingbeat": ours, **others, "oracle": lambda time_s, y: oracle(case, time_s, y)}
     scores = {name: Score(frequency_hz) for name in methods}
     for run in range(runs):
         time_s, y, bound = _record(table, case, seed + run)
@@ -86,6 +87,7 @@ def _score(table: str, case: str, runs: int, seed: int) -> tuple[list[Row], Scor
             found, cpu_s = timed(method, time_s, y)
             scores[name].add(found, bound, cpu_s)
     rows = [row for name, score in scores.items() for row in score.rows(table, name, case)]
+    rows += beside(table, case, scores["wingbeat"], {name: scores[name] for name in others}, scores["oracle"])
     return rows, scores["wingbeat"]
 
 

@@ -14,7 +14,8 @@ FloatArray = NDArray[np.float64]
 # A mode within this share of a true frequency is that mode; the close pair lies twice as far apart.
 _SAME_MODE = 0.02
 # 95 % of a normal variable lie within so many standard deviations; its median magnitude is this many.
-_WITHIN, MEDIAN = 1.96, 0.6745
+WITHIN, MEDIAN = 1.96, 0.6745
+NAMES = ("frequency", "damping")
 
 
 @dataclass(frozen=True)
@@ -64,24 +65,30 @@ class Score:
         self.spurious.append(len(found) - len(taken))
         self.cpu_s.append(cpu_s)
 
+    def over_bound(self) -> FloatArray:
+        """Magnitudes of the errors in standard deviations at the bound (records, m, 2), NaN where missed."""
+        return np.abs(np.array(self.errors)) / np.array(self.bounds)
+
     def rows(self, table: str, method: str, case: str) -> list[Row]:
-        """One row a mode, and one for the record as a whole."""
-        errors = np.abs(np.array(self.errors))
-        over_bound = errors / np.array(self.bounds)
+        """One row a mode, and one for the record as a whole, of the errors of all its modes."""
+        errors, over_bound = np.abs(np.array(self.errors)), self.over_bound()
+        deviations = np.array(self.deviations)
         rows: list[Row] = []
         for j, f in enumerate(self.frequency_hz):
-            seen = np.isfinite(errors[:, j, 0])
-            percent = 100.0 * errors[seen, j] / [f, DAMPING]
+            percent = 100.0 * errors[:, j] / [f, DAMPING]
             row: Row = {"table": table, "method": method, "case": f"{case} {f:.2f} Hz", "records": len(errors)}
-            for k, name in enumerate(("frequency", "damping")):
-                row[f"{name}_error_median_percent"] = _median(percent[:, k])
-                row[f"{name}_error_p95_percent"] = _p95(percent[:, k])
-                row[f"{name}_over_bound"] = _over(_median(over_bound[seen, j, k]))
-                row[f"{name}_cover_percent"] = cover_percent(np.array(self.deviations)[:, j, k])
-            row["missed"] = int(np.count_nonzero(~seen))
+            for k, name in enumerate(NAMES):
+                row[f"{name}_error_median_percent"] = quantile(percent[:, k], 0.5)
+                row[f"{name}_error_p95_percent"] = quantile(percent[:, k], 0.95)
+                row[f"{name}_over_bound"] = quantile(over_bound[:, j, k], 0.5, MEDIAN)
+                row[f"{name}_cover_percent"] = cover_percent(deviations[:, j, k])
+            row["missed"] = int(np.count_nonzero(np.isnan(errors[:, j, 0])))
             rows.append(row)
         whole: Row = {"table": table, "method": method, "case": f"{case} whole", "records": len(errors)}
-        whole["missed"] = int(np.count_nonzero(~np.isfinite(errors[:, :, 0])))
+        for k, name in enumerate(NAMES):
+            whole[f"{name}_over_bound"] = quantile(over_bound[..., k], 0.5, MEDIAN)
+            whole[f"{name}_cover_percent"] = cover_percent(deviations[..., k])
+        whole["missed"] = int(np.count_nonzero(np.isnan(errors[:, :, 0])))
         whole["spurious_a_record"] = float(np.mean(self.spurious))
         whole["cpu_ms"] = 1e3 * float(np.median(self.cpu_s))
         return [*rows, whole]
@@ -90,16 +97,10 @@ class Score:
 def cover_percent(deviations: FloatArray) -> float | None:
     """Share of errors within the 95 % interval, in per cent; None where there are no intervals."""
     told = deviations[np.isfinite(deviations)]
-    return 100.0 * float(np.mean(np.abs(told) < _WITHIN)) if told.size else None
+    return 100.0 * float(np.mean(np.abs(told) < WITHIN)) if told.size else None
 
 
-def _median(values: FloatArray) -> float | None:
-    return float(np.median(values)) if values.size else None
-
-
-def _p95(values: FloatArray) -> float | None:
-    return float(np.percentile(values, 95)) if values.size else None
-
-
-def _over(median: float | None) -> float | None:
-    return None if median is None else median / MEDIAN
+def quantile(values: FloatArray, share: float, unit: float = 1.0) -> float | None:
+    """Quantile of those values that are not NaN, in a unit; None if there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, share)) / unit if known.size else None
