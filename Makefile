@@ -48,7 +48,8 @@ mutation: $(VENV)/ready-test
 	OMP_NUM_THREADS=1 $(BIN)/python -m mutmut run > mutants.log 2>&1 || true
 	$(BIN)/python -m mutmut export-cicd-stats && cat mutants/mutmut-cicd-stats.json
 
-# Byte code is made on all cores, where pip uses one, and none of other people's tests.
+# Byte code is made on all cores, where pip uses one, and none of other people's tests. It only saves time later: as with
+# pip, a file of theirs that this Python cannot compile is no failure.
 $(VENV)/ready: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile -r requirements.lock

@@ -1,5 +1,6 @@
 """Compiled code belongs to the sources it was made of; the command line says what it can do and how it ended."""
 
+import ast
 import json
 import math
 import subprocess
@@ -47,6 +48,22 @@ def test_the_folder_of_compiled_code_changes_with_any_source(tmp_path: Path, mon
     source.with_name("sides.py").rename(source)
     source.write_text("WIDTH = 1\n")
     assert kernels._folder() == first
+
+
+def test_what_kernels_take_from_other_files_is_in_the_digest() -> None:
+    makers = {"kernel", "tick_kernel", "inline_kernel"}
+    taken = set()
+    for room in (folder for folder in Path(__file__).parents[1].iterdir() if (folder / "__init__.py").is_file()):
+        for source in room.rglob("*.py"):
+            nodes = list(ast.walk(ast.parse(source.read_text(encoding="utf-8"))))
+            imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+            homes = {name.asname or name.name: str(node.module) for node in imports for name in node.names}
+            for function in (node for node in nodes if isinstance(node, ast.FunctionDef)):
+                if makers & {getattr(maker, "id", "") for maker in function.decorator_list}:
+                    names = {node.id for node in ast.walk(function) if isinstance(node, ast.Name)}
+                    taken |= {room.name} | {homes[name].partition(".")[0] for name in names & set(homes)}
+    assert {"fsw", "hal", "sim"} <= taken
+    assert taken - set(kernels.PACKAGES) <= {"numpy", "typing"}
 
 
 def test_a_cache_that_cannot_be_written_moves_to_the_temporary_folder(

@@ -19,7 +19,7 @@ from numba.core.caching import IndexDataCacheFile
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PACKAGES = ("fsw", "sim", "wingbeat")  # where kernels are, and how they are compiled
+PACKAGES = ("fsw", "hal", "sim", "wingbeat")  # where kernels are, what they take, and how they are compiled
 
 
 def _digest() -> str:
@@ -59,7 +59,8 @@ def _save_alone(file: Any, key: Any, data: Any) -> None:
     """Keep a kernel while no other process keeps one.
 
     numba gives the code of each signature of a function the next free number. Two processes that do so at once may give
-    the same one, and the code of one signature would then be called with arrays of the other.
+    the same one, and the code of one signature would then be called with arrays of the other. It has no setting for
+    this: its users ask for such a lock (numba's issue 10128).
     """
     with (FOLDER / "lock").open("w") as lock:
         flock(lock, LOCK_EX)
@@ -74,8 +75,7 @@ _TICK: dict[str, Any] = {**_OPTIONS, "_nrt": False}  # without numba's run time,
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile this function with numba: free of the interpreter's lock while it runs, x / 0 is inf as in numpy."""
-    compiled: Callable[P, R] = njit(**_OPTIONS)(function)
-    return compiled
+    return njit(**_OPTIONS)(function)
 
 
 def tick_kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -83,8 +83,7 @@ def tick_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     Each count is an atomic instruction that waits for all reads before it. All arrays are the caller's.
     """
-    compiled: Callable[P, R] = njit(**_TICK)(function)
-    return compiled
+    return njit(**_TICK)(function)
 
 
 def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -92,5 +91,4 @@ def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     For a large part of one other, or a small function of many arrays, whose 50 words cost more than what it computes.
     """
-    compiled: Callable[P, R] = njit(**_TICK, forceinline=True)(function)
-    return compiled
+    return njit(**_TICK, forceinline=True)(function)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.ahead import FIXED
 from fsw.vision.edges import FloatArray, Image
 from fsw.vision.rig import Eyes, image_point, norm
 from fsw.vision.sides import MIN_CONTRAST
@@ -18,7 +19,6 @@ SEARCH_PX = 256  # at most
 FLANK_PX = 8  # beside a line, at most, that it is compared with: each pixel of a column is another line of the cache
 SEARCH_LINES = 3  # profiles summed, side by side in the middle of a side
 APART_PX = 4  # from one to the next: across a row of the image, all are in the same line of the cache
-FIXED = 16  # bits after the point of the places at which profiles are taken
 
 SIDES_SEARCHED = (1, 2)  # each inner line once: +X and +Y sides
 
