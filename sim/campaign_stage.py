@@ -29,7 +29,7 @@ FEW_CELLS = {"coordinates": 6, "order": 16, "most_modes": 4}  # of a small wing 
 
 
 class FlightStage:
-    """What a fault can get at, and the drivers in front of it. whole: real images and real vision.
+    """What a fault can get at, and the drivers in front of it. whole: real images, of so many bits, and real vision.
 
     keep: the bus keeps its frames and the store its lines. most: mode packets and events that are known afterwards;
     None: all.
@@ -44,12 +44,13 @@ class FlightStage:
         keep: bool = False,
         most: int | None = None,
         oscillator: Clock | None = None,
+        bits: int = 8,
     ) -> None:
         self.clock = MissionClock(oscillator or LockstepClock())
         self.world: SurrogateWorld | WholeWorld
         self.vision: MakeVision
         if whole:
-            self.world, self.vision = WholeWorld(ticks / RATE_HZ, seed), make_vision
+            self.world, self.vision = WholeWorld(ticks / RATE_HZ, seed, bits), make_vision
         else:
             self.world = SurrogateWorld(ticks / RATE_HZ, seed)
             self.vision = make_surrogate_vision(self.world)

@@ -20,10 +20,12 @@ FloatArray = NDArray[np.float64]
 
 
 class WholeWorld:
-    """As SurrogateWorld, with real images: times_ns (T,), motion, scene, flap."""
+    """As SurrogateWorld, with real images: times_ns (T,), motion, scene, flap. bits: of a grey value."""
 
-    def __init__(self, seconds: float, seed: int) -> None:
-        self.scenario = msgspec.structs.replace(load_scenario("small"), duration_s=seconds)
+    def __init__(self, seconds: float, seed: int, bits: int = 8) -> None:
+        small = load_scenario("small")
+        camera = msgspec.structs.replace(small.camera, bits=bits)
+        self.scenario = msgspec.structs.replace(small, duration_s=seconds, camera=camera)
         world = World(self.scenario, seed)
         self.period_ns, self.times_ns = round(1e9 / self.scenario.rate_hz), world.times_ns
         self.scene = Scene()

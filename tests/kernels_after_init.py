@@ -1,12 +1,13 @@
 """Flies a scenario and prints the flight side's kernels that no INIT called: python FILE NAME SECONDS FOLDER.
 
-The wing of a scenario swings, and so stationary responses are identified after the flight. In a process of its own, for
+The flight is short, and so decays and stationary responses are identified after it. In a process of its own, for
 whatever called a kernel before would hide that no INIT does.
 """
 
 import gc
 import sys
 from contextlib import redirect_stdout
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 
 from fsw.executive.executive import Executive
 from fsw.modal.pipeline import identify
-from sim.bench.modal_records import stationary
+from sim.bench.modal_records import DECAYS, free_decay, stationary
 from wingbeat.cli import main
 
 
@@ -25,12 +26,15 @@ def ready() -> set[str]:
     return {f"{each.py_func.__module__}.{each.py_func.__name__}{types}" for each in ours for types in each.overloads}
 
 
-def shaken(seed: int) -> None:
-    """What a flight does with 30 s of a wing that something random shakes; some cells are hidden now and then."""
-    time_s, z_mm = stationary({"B1": 0.72, "T1": 3.0, "B2": 4.2}, 30.0, 15.0, (6, 5), 0.2, seed)
+def identified(kind: str, seed: int) -> None:
+    """What a flight does with 30 s of a wing that swings or is shaken; some cells are hidden now and then."""
+    modes, seen = DECAYS["D2"][0], ((6, 5), 0.2, seed)
+    time_s, z_mm = stationary(modes, 30.0, 15.0, *seen)
+    if kind == "decay":
+        z_mm = free_decay(modes, time_s, *seen).noisy
     z_mm[np.random.default_rng(seed).random(z_mm.shape) < 0.02] = np.nan
     found = identify(time_s, np.repeat(z_mm, 3, axis=1).astype(np.float32), overwrite=True, whole=True)
-    assert found.kind == "ambient" and found.valid_modes
+    assert found.kind == kind and found.valid_modes
 
 
 def run(scenario: str, duration_s: str, folder: str) -> None:
@@ -50,8 +54,8 @@ def run(scenario: str, duration_s: str, folder: str) -> None:
         except SystemExit as end:
             assert not end.code, end.code
     assert begun
-    for seed in range(3):
-        shaken(seed)
+    for kind, seed in product(("decay", "ambient"), range(3)):
+        identified(kind, seed)
     print("\n".join(sorted(ready() - begun[-1])))
 
 

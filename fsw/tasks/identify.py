@@ -27,7 +27,7 @@ LEAST_SHARE = 0.8  # of the measured ticks in which a cell must be measured to t
 LONG_GAP_TICKS = 15  # a cell hidden for longer is left out, if enough cells were not
 LEAST_WHOLE = 0.3  # share of the cells that are enough
 LOOK_BACK_TICKS = 90  # newest samples that are searched for a break of the motion
-_MADE_UP_TICKS = 300  # of a response long enough for a mode to be found in it
+_MADE_UP_TICKS = 300  # of motion long enough for a mode to be found in it
 UNCONFIRMED = "unconfirmed"  # flag of a mode that was not found before
 
 
@@ -80,14 +80,11 @@ class Identify:
         t = np.linspace(0.0, 0.1 * _MADE_UP_TICKS, _MADE_UP_TICKS)
         decay = np.exp(-0.05 * t) * np.cos(9.0 * t)
         push = 35.35 * t * t % 1.0 - 0.5  # as good as random
-        made_up: dict[Kind, NDArray[np.float64]] = {
-            "decay": decay[: self._table.least_ticks],
-            "ambient": np.convolve(push, decay)[: len(t)],
-        }
+        made_up: dict[Kind, NDArray[np.float64]] = {"decay": decay, "ambient": np.convolve(push, decay)[: len(t)]}
         for kind, y in made_up.items():
             channels = (y[:, None] * np.linspace(0.5, 1.0, 90)).astype(np.float32)
             channels[1, 1] = NAN
-            identify(t[: len(y)], channels, kind, self._options, overwrite=True, whole=True)
+            identify(t, channels, kind, self._options, overwrite=True, whole=True)
 
     def take(self, tick: int) -> bool:
         """Copy the history; False while it is too short, or nothing is measured."""
