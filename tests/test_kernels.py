@@ -5,6 +5,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import asdict
 from fcntl import LOCK_EX, flock
 from pathlib import Path
 from threading import Thread
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 import wingbeat.kernels as kernels
 from fsw.executive.executive import Executive
 from fsw.tables.flight import load_flight
-from sim.compiling import IMAGE, PARTS, compile_part
+from sim.compiling import PARTS, compile_part, spoil
+from sim.surrogate_world import Scene, SurrogateWorld
 from sim.whole_world import WholeWorld
 from telemetry.modes_text import modes_table, partners
 from wingbeat.console import track, write_json
@@ -212,10 +214,19 @@ def test_no_tick_and_no_identification_is_the_first_to_call_a_kernel(tmp_path: P
     assert said.stdout.split() == []
 
 
-def test_what_is_compiled_beforehand_is_an_image_and_what_init_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_compiled_beforehand_is_images_and_what_init_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
     prepared, drawn = [], []
     monkeypatch.setattr(Executive, "prepare", lambda _, task: prepared.append(task))
-    monkeypatch.setattr(WholeWorld, "render", lambda *_: drawn.append(IMAGE))
+    for world in (WholeWorld, SurrogateWorld):
+        monkeypatch.setattr(world, "render", lambda world, *given: drawn.append((type(world), given[3].dtype)))
     for part in PARTS:
-        compile_part(part)
-    assert sorted(prepared) == sorted(row.task for row in load_flight().schedule) and drawn == [IMAGE]
+        compile_part(part, bits=12)
+    assert sorted(prepared) == sorted(2 * [row.task for row in load_flight().schedule])  # with each kind of vision
+    assert drawn == 2 * [(WholeWorld, np.uint16)] + 2 * [(SurrogateWorld, np.uint8)]
+
+
+def test_images_are_compiled_with_all_that_faults_do_to_them() -> None:
+    scene = Scene()
+    spoil(scene)
+    untouched = [key for key, value in asdict(scene).items() if value == getattr(Scene(), key)]
+    assert untouched == ["pattern"]
