@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from fsw.modal.channels import Channels, Scaled, chosen, transposed_times
+from fsw.modal.channels import Channels, Scaled, chosen
 from fsw.modal.gaps import Filled, filled, samples_of
 from fsw.modal.subspace import Subspace, leading_singular, orthonormal
 
@@ -88,8 +88,7 @@ def principal_coordinates(
     else:
         # A record with gaps begins by itself: what is known of the one before may follow that one's guesses, which a
         # single round does not correct, and which look like modes of high damping.
-        whole = len(record.gaps) == 0
-        known = known.of(live) if known is not None and whole and known.live[live].all() else None
+        known = known.of(live) if known is not None and known.live[live].all() else None
         signals, V, scale = _project(record, count, known)
         basis, subspace = V * scale[:, None], Subspace(live, V, scale)
     return Coordinates(stamps, signals, basis, y, live, kept, nominal_rate_hz(stamps), subspace)
@@ -116,14 +115,18 @@ def _project(record: Filled, count: int, known: Subspace | None) -> tuple[FloatA
             left, V = Scaled(y, scale).times(known.start(count)), np.ascontiguousarray(known.directions[:, :rank])
             record.through(scale, signals := left[:, :rank].copy(), V)
         # Those of the signals first, and the others for what they do not tell.
-        seen = transposed_times(y, orthonormal(np.hstack([signals, left[:, rank:]])))
-        square = np.maximum(record.energy - np.sum(seen[:, :rank] ** 2, axis=1), 0.0)
+        Q = orthonormal(np.hstack([signals, left[:, rank:]]))
+        start = Scaled(y, scale).transposed_times(Q)
+        seen = np.ascontiguousarray(start[:, :rank])
+        record.through_channels(scale, seen, np.ascontiguousarray(Q[:, :rank]))
+        start[:, :rank] = seen
+        square = np.maximum(record.energy - scale**2 * np.sum(seen**2, axis=1), 0.0)
         # A channel of which a direction is made leaves nothing, and would be taken for the best: what is left is so
         # much of its noise as the directions do not take.
-        noise = np.sqrt(square / len(y) / np.maximum(1.0 - np.sum(V**2, axis=1), 1e-6))
+        noise = np.sqrt(square / record.samples / np.maximum(1.0 - np.sum(V**2, axis=1), 1e-6))
         # No channel may claim to be much better than the others: the fit would chase it.
-        scale = np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
-        start = seen / scale[:, None]
+        before, scale = scale, np.maximum(noise, max(0.3 * float(np.median(noise)), 1e-12 * overall))
+        start *= (before / scale)[:, None]
     _, signals, V = _fitted(record, scale, count, count, start)
     return signals, V, scale
 

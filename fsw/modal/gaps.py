@@ -35,12 +35,13 @@ def samples_of(y: Channels) -> Samples:
 class Filled:
     """A record without its mean, with guesses where no sample is, and what is kept up while the guesses get better.
 
-    y (T, L); gaps (G,): places in y, counted tick by tick, where no sample is; samples (L,): of each channel;
-    total, energy (L,): sum and sum of squares of each channel of y.
+    y (T, L); gaps (G,): places in y, counted tick by tick, where no sample is; channelwise (G,): their order channel by
+    channel; samples (L,): of each channel; total, energy (L,): sum and sum of squares of each channel of y.
     """
 
     y: Channels
     gaps: NDArray[np.int32]
+    channelwise: NDArray[np.int64]
     samples: NDArray[np.int64]
     total: FloatArray
     energy: FloatArray
@@ -49,18 +50,39 @@ class Filled:
         """Fill the gaps through signals (T, r) = (y / scale) V, which become those of what is filled.
 
         V (L, r) orthonormal; scale (L,): each channel's noise. A gap is told by what its tick's samples make of the
-        signals: by least squares, (V^T W V + 1 / P) a = V^T W y / scale, where P is the mean square of each signal. So
-        nothing stays of the guess before, nor does a direction that the samples hardly tell of follow their noise.
-        Source: Tipping and Bishop, 1999, probabilistic principal component analysis.
-        Then each channel's mean, which was taken with the guesses, becomes that of its samples less what the signals
-        tell: a channel that is off would step at the ends of its gaps.
+        signals (`_tell_gaps`). Then each channel's mean, which was taken with the guesses, becomes that of its samples
+        less what the signals tell: a channel that is off would step at the ends of its gaps.
         """
         if len(self.gaps) == 0:
             return
-        told = np.empty(len(self.gaps))
-        _correct(self.y, self.gaps, scale, V, 1.0 / (np.mean(signals**2, axis=0) + 1e-300), signals, told)
+        ticks, channels = np.divmod(self.gaps, self.y.shape[1])
+        told = self.y[ticks, channels] / scale[channels]
+        _tell_gaps(ticks, channels, V, _doubt(signals), signals, told)
+        told *= scale[channels]
         beyond = self.total - scale * (V @ signals.sum(axis=0))
-        _take_away(self.y, self.gaps, told, beyond, self.samples, self.total, self.energy)
+        np.subtract.at(beyond, channels, self.y[ticks, channels] - told)
+        _shift(self.y, beyond / np.maximum(self.samples, 1), self.total, self.energy)
+        _put(self.y, self.gaps, told, self.total, self.energy)
+
+    def through_channels(self, scale: FloatArray, seen: FloatArray, Q: FloatArray) -> None:
+        """Fill the gaps through seen (L, r) = (y / scale)^T Q, which becomes that of what is filled.
+
+        Q (T, r) orthonormal. A gap is told by what its channel's samples make of the directions: the other half of
+        alternating least squares. Directions from an analysis of what is filled would forget a guess slowly, and not at
+        all where only one tick's gaps tell of them.
+        """
+        if len(self.gaps) == 0:
+            return
+        order = self.channelwise
+        ticks, channels = np.divmod(self.gaps[order], self.y.shape[1])
+        told = self.y[ticks, channels] / scale[channels]
+        _tell_gaps(channels, ticks, Q, _doubt(seen), seen, told)
+        _put(self.y, self.gaps[order], told * scale[channels], self.total, self.energy)
+
+
+def _doubt(signals: FloatArray) -> FloatArray:
+    """One over each column's mean square."""
+    return 1.0 / (np.mean(signals**2, axis=0) + 1e-300)
 
 
 def filled(stamps: FloatArray, y: Channels) -> Filled:
@@ -73,7 +95,9 @@ def filled(stamps: FloatArray, y: Channels) -> Filled:
     _interpolate(stamps, y, gaps)
     total, energy = np.empty(width), np.empty(width)
     _shift(y, y.mean(axis=0, dtype=np.float64), total, energy)
-    return Filled(y, gaps, count - np.bincount(gaps % width, minlength=width), total, energy)
+    channels = gaps % width
+    samples = count - np.bincount(channels, minlength=width)
+    return Filled(y, gaps, np.argsort(channels, kind="stable"), samples, total, energy)
 
 
 @kernel
@@ -124,43 +148,46 @@ def _shift(y: Channels, off: FloatArray, total: FloatArray, energy: FloatArray) 
 
 
 @kernel
-def _correct(
-    y: Channels,
-    gaps: NDArray[np.int32],
-    scale: FloatArray,
+def _tell_gaps(
+    rows: NDArray[np.int32],
+    columns: NDArray[np.int32],
     V: FloatArray,
     doubt: FloatArray,
     signals: FloatArray,
     told: FloatArray,
 ) -> None:
-    """Signals of y with its gaps filled through them; told (G,): what is filled in. doubt (r,): 1 / P.
+    """Fill the gaps of a matrix Y (M, N) of unit noise, row by row, by what the row's samples make of its signals.
+
+    rows, columns (G,): places of the gaps, row by row; told (G,): what was filled in, becomes what is; V (N, r)
+    orthonormal; signals (M, r) = Y V, become those of what is filled; doubt (r,): 1 / P, one over each one's mean
+    square. By least squares, (V^T W V + 1 / P) a = V^T W y with W = 1 at samples and 0 at gaps: nothing stays of the
+    guess before, nor does a direction that the samples hardly tell of follow their noise.
+    Source: Tipping and Bishop, 1999, probabilistic principal component analysis.
 
     V^T W V is 1 less what the gaps take from it. Where few are missing that is near 1, and conjugate gradients arrive
     in a few steps, each of them two products with the gaps' directions.
     """
-    width, rank = V.shape
-    # A tick's gaps side by side: their directions, and what is said of each.
-    G, at_gaps = np.empty((rank, width)), np.empty(width)
+    rank = V.shape[1]
+    # A row's gaps side by side: their directions, and what is said of each.
+    G, at_gaps = np.empty((rank, len(V))), np.empty(len(V))
     a, left, p, seen = np.empty((4, rank))
     first = 0
-    while first < len(gaps):
-        t = gaps[first] // width
-        begin, n = t * width, 0
-        while first + n < len(gaps) and gaps[first + n] < begin + width:
-            c = gaps[first + n] - begin
-            at_gaps[n] = y[t, c] / scale[c]
+    while first < len(rows):
+        row, n = rows[first], 0
+        while first + n < len(rows) and rows[first + n] == row:
+            at_gaps[n] = told[first + n]
             for k in range(rank):
-                G[k, n] = V[c, k]
+                G[k, n] = V[columns[first + n], k]
             n += 1
         # The samples' part, and the equations' left sides less it, where the signals are what they were.
-        a[:] = signals[t]
+        a[:] = signals[row]
         for k in range(rank):
             for i in range(n):
-                signals[t, k] -= G[k, i] * at_gaps[i]
+                signals[row, k] -= G[k, i] * at_gaps[i]
         _tell(G, a, n, at_gaps)
         square = 0.0
         for k in range(rank):
-            left[k] = signals[t, k] - (1.0 + doubt[k]) * a[k]
+            left[k] = signals[row, k] - (1.0 + doubt[k]) * a[k]
             for i in range(n):
                 left[k] += G[k, i] * at_gaps[i]
             p[k] = left[k] / (1.0 + doubt[k])
@@ -186,9 +213,8 @@ def _correct(
         _tell(G, a, n, at_gaps)
         for k in range(rank):
             for i in range(n):
-                signals[t, k] += G[k, i] * at_gaps[i]
-        for i in range(n):
-            told[first + i] = at_gaps[i] * scale[gaps[first + i] - begin]
+                signals[row, k] += G[k, i] * at_gaps[i]
+        told[first : first + n] = at_gaps[:n]
         first += n
 
 
@@ -202,30 +228,15 @@ def _tell(G: FloatArray, a: FloatArray, count: int, at_gaps: FloatArray) -> None
 
 
 @kernel
-def _take_away(
-    y: Channels,
-    gaps: NDArray[np.int32],
-    told: FloatArray,
-    beyond: FloatArray,
-    samples: NDArray[np.int64],
-    total: FloatArray,
-    energy: FloatArray,
-) -> None:
-    """Put what is told (G,) in the gaps of y, and take from the samples the mean of what the signals do not tell.
-
-    beyond (L,): sums of y less what the signals tell, guesses included.
-    """
+def _put(
+    y: Channels, gaps: NDArray[np.int32], told: FloatArray, total: FloatArray, energy: FloatArray
+) -> None:  # fmt: skip
+    """Put what is told (G,) in the gaps of y, and what that changes in each channel's sum and sum of squares."""
     width = y.shape[1]
     for i in range(len(gaps)):
         t, c = gaps[i] // width, gaps[i] % width
-        beyond[c] -= y[t, c] - told[i]
-    for c in range(width):
-        beyond[c] /= max(samples[c], 1)
-    _shift(y, beyond, total, energy)
-    for i in range(len(gaps)):
-        t, c = gaps[i] // width, gaps[i] % width
-        before, now = np.float64(y[t, c]), told[i]
-        y[t, c] = now
+        before = np.float64(y[t, c])
+        y[t, c] = told[i]
         now = np.float64(y[t, c])
         total[c] += now - before
         energy[c] += now * now - before * before
