@@ -102,18 +102,10 @@ def _project(record: Filled, count: int, known: Subspace | None) -> tuple[FloatA
     """
     y = record.y
     overall = max(float(np.sqrt(np.mean(record.energy) / len(y))), 1e-300)
-    start = None
-    if known is None:
-        ranks = [*(rank for rank in _FILLING if rank < count and len(record.gaps)), count]
-        scale = np.full(y.shape[1], overall)
-    else:
-        ranks, scale = [known.directions[:, :count].shape[1]], known.scale
+    start, scale = (None, np.full(y.shape[1], overall)) if known is None else (known.start(count), known.scale)
+    ranks = [*(rank for rank in _FILLING if rank < count and len(record.gaps)), count]
     for rank in ranks:
-        if known is None:
-            left, signals, V = _fitted(record, scale, rank, count, start)
-        else:
-            left, V = Scaled(y, scale).times(known.start(count)), np.ascontiguousarray(known.directions[:, :rank])
-            record.through(scale, signals := left[:, :rank].copy(), V)
+        left, signals, V = _fitted(record, scale, rank, count, start)
         # Those of the signals first, and the others for what they do not tell.
         Q = orthonormal(np.hstack([signals, left[:, rank:]]))
         start = Scaled(y, scale).transposed_times(Q)

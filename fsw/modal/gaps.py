@@ -12,6 +12,7 @@ FloatArray = NDArray[np.float64]
 
 # What is left of the equations is no more than this part of the noise.
 _ARRIVED = 1e-3
+_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Filled:
             return
         ticks, channels = np.divmod(self.gaps, self.y.shape[1])
         told = self.y[ticks, channels] / scale[channels]
-        _tell_gaps(ticks, channels, V, _doubt(signals), signals, told)
+        _tell_gaps(ticks, channels, V, self._doubt(scale, ticks, channels, V, signals, told), signals, told)
         told *= scale[channels]
         beyond = self.total - scale * (V @ signals.sum(axis=0))
         np.subtract.at(beyond, channels, self.y[ticks, channels] - told)
@@ -76,13 +77,23 @@ class Filled:
         order = self.channelwise
         ticks, channels = np.divmod(self.gaps[order], self.y.shape[1])
         told = self.y[ticks, channels] / scale[channels]
-        _tell_gaps(channels, ticks, Q, _doubt(seen), seen, told)
+        _tell_gaps(channels, ticks, Q, self._doubt(scale, channels, ticks, Q, seen, told), seen, told)
         _put(self.y, self.gaps[order], told * scale[channels], self.total, self.energy)
 
-
-def _doubt(signals: FloatArray) -> FloatArray:
-    """One over each column's mean square."""
-    return 1.0 / (np.mean(signals**2, axis=0) + 1e-300)
+    def _doubt(
+        self, scale: FloatArray, rows: NDArray[np.int32], columns: NDArray[np.int32],
+        V: FloatArray, signals: FloatArray, told: FloatArray,
+    ) -> FloatArray:
+        """Noise over signal (r,) of each direction, in the samples and beyond what noise alone would show.
+        """
+        (count, width), rank = self.y.shape, V.shape[1]
+        in_gaps = np.zeros(rank)
+        missed = _in_gaps(rows, columns, V, signals, told, in_gaps)
+        square = np.sum(signals**2, axis=0)
+        rest = max(float(np.sum(self.energy / scale**2) - np.sum(square)) - missed, 0.0)
+        noise = rest / max((count - rank) * (width - rank) - len(told), 1)
+        beyond = square - in_gaps - _FACTOR * noise * (np.sqrt(count) + np.sqrt(width)) ** 2
+        return noise * len(signals) / np.maximum(beyond, 1e-9 * noise + 1e-300)
 
 
 def filled(stamps: FloatArray, y: Channels) -> Filled:
@@ -216,6 +227,23 @@ def _tell_gaps(
                 signals[row, k] += G[k, i] * at_gaps[i]
         told[first : first + n] = at_gaps[:n]
         first += n
+
+
+@kernel
+def _in_gaps(
+    rows: NDArray[np.int32], columns: NDArray[np.int32], V: FloatArray, signals: FloatArray, told: FloatArray,
+    energy: FloatArray,
+) -> float:
+    """Energy (r,) of each direction in the gaps, and what is filled in beyond them all."""
+    beyond = 0.0
+    for i in range(len(rows)):
+        rest = told[i]
+        for k in range(V.shape[1]):
+            part = signals[rows[i], k] * V[columns[i], k]
+            energy[k] += part * part
+            rest -= part
+        beyond += rest * rest
+    return beyond
 
 
 @kernel
