@@ -9,6 +9,7 @@ from fsw.modal.channels import Scaled, amplitude_spectrum, chosen
 from fsw.modal.coordinates import principal_coordinates
 from fsw.modal.gaps import filled
 from fsw.modal.pipeline import identify
+from fsw.modal.subspace import Subspace
 from sim.bench.modal_on_board import kept
 from sim.bench.modal_records import ON_BOARD, flight, free_decay
 
@@ -174,12 +175,44 @@ def test_of_fewer_channels_the_known_is_used_and_of_others_it_is_not():
     assert [m.frequency_hz for m in alone.modes] == [m.frequency_hz for m in begun.modes]
 
 
-def test_a_record_with_gaps_begins_by_itself_and_one_without_does_not():
-    """Known directions may follow the guesses in the gaps of the record that they come from."""
-    time_s, y = _on_board(8.0, 7)
-    known = identify(time_s[:276], y[:276].copy()).subspace
-    for gaps in (0, 3):
-        record = y[92:].copy()
-        record[50 : 50 + gaps, 7] = np.nan
-        alone, begun = (principal_coordinates(time_s[92:], record, 12, known=given) for given in (None, known))
-        assert np.array_equal(alone.signals, begun.signals) == (gaps > 0)
+def _with_patches(seed, noise):
+    """Ten seconds of three modes in 600 channels, a patch of ten of them missing in step with the first mode."""
+    rng = np.random.default_rng(seed)
+    time_s, place = np.arange(150) / 15.0, np.linspace(0.0, np.pi, 600)
+    clean = sum(
+        a * np.outer(np.cos(2.0 * np.pi * f * time_s + rng.uniform(0.0, 6.0)), np.cos((i + 1) * place))
+        for i, (a, f) in enumerate(((10.0, 0.715), (1.0, 2.31), (1.0, 4.37)))
+    )
+    gaps = rng.uniform(size=clean.shape) < 0.02
+    for tick in (15, 36, 57, 78):
+        gaps[tick : tick + 3, 100:110] = True
+    noisy = clean + noise * rng.standard_normal(clean.shape)
+    return time_s, clean - clean.mean(axis=0), np.where(gaps, np.nan, noisy), gaps
+
+
+def _error_in_gaps(coordinates, clean, gaps):
+    filled_in = coordinates.channels - coordinates.channels.mean(axis=0)
+    return float(np.sqrt(np.mean((filled_in - clean)[gaps] ** 2)))
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_of_the_first_guess_stays_in_the_gaps_of_a_quiet_record(seed, noise):
+    time_s, clean, y, gaps = _with_patches(seed, noise)
+    assert _error_in_gaps(principal_coordinates(time_s, y, 12), clean, gaps) < 0.7 * noise
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_is_known_begins_a_record_with_gaps_and_leaves_no_guess_in_them(seed):
+    """A direction that lies in the gaps, as one that followed a guess does, beside a first one that is off there."""
+    noise = 1e-3
+    time_s, clean, y, gaps = _with_patches(seed, noise)
+    alone = principal_coordinates(time_s, y, 12)
+    directions = alone.subspace.directions.copy()
+    directions[100:110, 0] *= 0.9
+    directions[:, 3] = 0.01 * directions[:, 3]
+    directions[100:110, 3] += 1.0 / np.sqrt(10.0)
+    known = Subspace(alone.subspace.live, np.linalg.qr(directions)[0], alone.subspace.scale)
+    begun = principal_coordinates(time_s, y, 12, known=known)
+    assert not np.array_equal(alone.signals, begun.signals)
+    assert _error_in_gaps(begun, clean, gaps) < 0.7 * noise

@@ -86,8 +86,6 @@ def principal_coordinates(
         scale = y.std(axis=0, dtype=np.float64)
         signals, basis, subspace = y / scale, np.diag(scale), None
     else:
-        # A record with gaps begins by itself: what is known of the one before may follow that one's guesses, which a
-        # single round does not correct, and which look like modes of high damping.
         known = known.of(live) if known is not None and known.live[live].all() else None
         signals, V, scale = _project(record, count, known)
         basis, subspace = V * scale[:, None], Subspace(live, V, scale)
@@ -98,7 +96,8 @@ def _project(record: Filled, count: int, known: Subspace | None) -> tuple[FloatA
     """Signals (T, p), directions (L, p) and scale (L,) by principal components of channels of equal noise.
 
     Fills the gaps of the record. Passes over all channels are what costs: each round makes two, and the one that tells
-    the noise begins the next round's iteration. What is known is the first round's directions, as they are.
+    the noise begins the next round's iteration. What is known begins the first one's, and no more: directions may
+    follow the guesses of the record that they come from, and a gap told through such a one keeps its guess for long.
     """
     y = record.y
     overall = max(float(np.sqrt(np.mean(record.energy) / len(y))), 1e-300)
@@ -106,7 +105,7 @@ def _project(record: Filled, count: int, known: Subspace | None) -> tuple[FloatA
     ranks = [*(rank for rank in _FILLING if rank < count and len(record.gaps)), count]
     for rank in ranks:
         left, signals, V = _fitted(record, scale, rank, count, start)
-        # Those of the signals first, and the others for what they do not tell.
+        # Left vectors of the signals first, and the others for what they do not tell.
         Q = orthonormal(np.hstack([signals, left[:, rank:]]))
         start = Scaled(y, scale).transposed_times(Q)
         seen = np.ascontiguousarray(start[:, :rank])

@@ -1,4 +1,4 @@
-"""Missing samples of a record: a first guess in time, then through the record's own principal coordinates."""
+"""Missing samples of a record: a first guess in time, then through the record's own principal directions."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.modal.channels import Channels
+from fsw.modal.entries import tell
 from wingbeat.kernels import kernel
 
 FloatArray = NDArray[np.float64]
-
-# What is left of the equations is no more than this part of the noise.
-_ARRIVED = 1e-3
-_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -51,17 +48,18 @@ class Filled:
         """Fill the gaps through signals (T, r) = (y / scale) V, which become those of what is filled.
 
         V (L, r) orthonormal; scale (L,): each channel's noise. A gap is told by what its tick's samples make of the
-        signals (`_tell_gaps`). Then each channel's mean, which was taken with the guesses, becomes that of its samples
-        less what the signals tell: a channel that is off would step at the ends of its gaps.
+        signals (`tell`). Then each channel's mean, which was taken with the guesses, becomes that of its samples less
+        what the signals tell: a channel that is off would step at the ends of its gaps.
         """
         if len(self.gaps) == 0:
             return
         ticks, channels = np.divmod(self.gaps, self.y.shape[1])
-        told = self.y[ticks, channels] / scale[channels]
-        _tell_gaps(ticks, channels, V, self._doubt(scale, ticks, channels, V, signals, told), signals, told)
+        before = self.y[ticks, channels]
+        told = before / scale[channels]
+        tell(ticks, channels, V, float(np.sum(self.energy / scale**2)), signals, told)
         told *= scale[channels]
         beyond = self.total - scale * (V @ signals.sum(axis=0))
-        np.subtract.at(beyond, channels, self.y[ticks, channels] - told)
+        np.subtract.at(beyond, channels, before - told)
         _shift(self.y, beyond / np.maximum(self.samples, 1), self.total, self.energy)
         _put(self.y, self.gaps, told, self.total, self.energy)
 
@@ -69,31 +67,15 @@ class Filled:
         """Fill the gaps through seen (L, r) = (y / scale)^T Q, which becomes that of what is filled.
 
         Q (T, r) orthonormal. A gap is told by what its channel's samples make of the directions: the other half of
-        alternating least squares. Directions from an analysis of what is filled would forget a guess slowly, and not at
-        all where only one tick's gaps tell of them.
+        alternating least squares. Directions of what is filled forget a guess but slowly where they lie in the gaps.
         """
         if len(self.gaps) == 0:
             return
-        order = self.channelwise
-        ticks, channels = np.divmod(self.gaps[order], self.y.shape[1])
+        gaps = self.gaps[self.channelwise]
+        ticks, channels = np.divmod(gaps, self.y.shape[1])
         told = self.y[ticks, channels] / scale[channels]
-        _tell_gaps(channels, ticks, Q, self._doubt(scale, channels, ticks, Q, seen, told), seen, told)
-        _put(self.y, self.gaps[order], told * scale[channels], self.total, self.energy)
-
-    def _doubt(
-        self, scale: FloatArray, rows: NDArray[np.int32], columns: NDArray[np.int32],
-        V: FloatArray, signals: FloatArray, told: FloatArray,
-    ) -> FloatArray:
-        """Noise over signal (r,) of each direction, in the samples and beyond what noise alone would show.
-        """
-        (count, width), rank = self.y.shape, V.shape[1]
-        in_gaps = np.zeros(rank)
-        missed = _in_gaps(rows, columns, V, signals, told, in_gaps)
-        square = np.sum(signals**2, axis=0)
-        rest = max(float(np.sum(self.energy / scale**2) - np.sum(square)) - missed, 0.0)
-        noise = rest / max((count - rank) * (width - rank) - len(told), 1)
-        beyond = square - in_gaps - _FACTOR * noise * (np.sqrt(count) + np.sqrt(width)) ** 2
-        return noise * len(signals) / np.maximum(beyond, 1e-9 * noise + 1e-300)
+        tell(channels, ticks, Q, float(np.sum(self.energy / scale**2)), seen, told)
+        _put(self.y, gaps, told * scale[channels], self.total, self.energy)
 
 
 def filled(stamps: FloatArray, y: Channels) -> Filled:
@@ -156,103 +138,6 @@ def _shift(y: Channels, off: FloatArray, total: FloatArray, energy: FloatArray) 
             value = np.float64(y[t, c])
             total[c] += value
             energy[c] += value * value
-
-
-@kernel
-def _tell_gaps(
-    rows: NDArray[np.int32],
-    columns: NDArray[np.int32],
-    V: FloatArray,
-    doubt: FloatArray,
-    signals: FloatArray,
-    told: FloatArray,
-) -> None:
-    """Fill the gaps of a matrix Y (M, N) of unit noise, row by row, by what the row's samples make of its signals.
-
-    rows, columns (G,): places of the gaps, row by row; told (G,): what was filled in, becomes what is; V (N, r)
-    orthonormal; signals (M, r) = Y V, become those of what is filled; doubt (r,): 1 / P, one over each one's mean
-    square. By least squares, (V^T W V + 1 / P) a = V^T W y with W = 1 at samples and 0 at gaps: nothing stays of the
-    guess before, nor does a direction that the samples hardly tell of follow their noise.
-    Source: Tipping and Bishop, 1999, probabilistic principal component analysis.
-
-    V^T W V is 1 less what the gaps take from it. Where few are missing that is near 1, and conjugate gradients arrive
-    in a few steps, each of them two products with the gaps' directions.
-    """
-    rank = V.shape[1]
-    # A row's gaps side by side: their directions, and what is said of each.
-    G, at_gaps = np.empty((rank, len(V))), np.empty(len(V))
-    a, left, p, seen = np.empty((4, rank))
-    first = 0
-    while first < len(rows):
-        row, n = rows[first], 0
-        while first + n < len(rows) and rows[first + n] == row:
-            at_gaps[n] = told[first + n]
-            for k in range(rank):
-                G[k, n] = V[columns[first + n], k]
-            n += 1
-        # The samples' part, and the equations' left sides less it, where the signals are what they were.
-        a[:] = signals[row]
-        for k in range(rank):
-            for i in range(n):
-                signals[row, k] -= G[k, i] * at_gaps[i]
-        _tell(G, a, n, at_gaps)
-        square = 0.0
-        for k in range(rank):
-            left[k] = signals[row, k] - (1.0 + doubt[k]) * a[k]
-            for i in range(n):
-                left[k] += G[k, i] * at_gaps[i]
-            p[k] = left[k] / (1.0 + doubt[k])
-            square += left[k] * p[k]
-        for _ in range(rank):
-            if square <= _ARRIVED**2:
-                break
-            _tell(G, p, n, at_gaps)
-            curvature = 0.0
-            for k in range(rank):
-                along = (1.0 + doubt[k]) * p[k]
-                for i in range(n):
-                    along -= G[k, i] * at_gaps[i]
-                curvature += p[k] * along
-                seen[k] = along
-            step, before, square = square / curvature, square, 0.0
-            for k in range(rank):
-                a[k] += step * p[k]
-                left[k] -= step * seen[k]
-                square += left[k] ** 2 / (1.0 + doubt[k])
-            for k in range(rank):
-                p[k] = left[k] / (1.0 + doubt[k]) + square / before * p[k]
-        _tell(G, a, n, at_gaps)
-        for k in range(rank):
-            for i in range(n):
-                signals[row, k] += G[k, i] * at_gaps[i]
-        told[first : first + n] = at_gaps[:n]
-        first += n
-
-
-@kernel
-def _in_gaps(
-    rows: NDArray[np.int32], columns: NDArray[np.int32], V: FloatArray, signals: FloatArray, told: FloatArray,
-    energy: FloatArray,
-) -> float:
-    """Energy (r,) of each direction in the gaps, and what is filled in beyond them all."""
-    beyond = 0.0
-    for i in range(len(rows)):
-        rest = told[i]
-        for k in range(V.shape[1]):
-            part = signals[rows[i], k] * V[columns[i], k]
-            energy[k] += part * part
-            rest -= part
-        beyond += rest * rest
-    return beyond
-
-
-@kernel
-def _tell(G: FloatArray, a: FloatArray, count: int, at_gaps: FloatArray) -> None:
-    """What coordinates a (r,) tell of the first gaps, of directions G (r, L)."""
-    at_gaps[:count] = 0.0
-    for k in range(len(a)):
-        for i in range(count):
-            at_gaps[i] += G[k, i] * a[k]
 
 
 @kernel
