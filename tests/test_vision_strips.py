@@ -341,6 +341,22 @@ def test_photon_noise_scatters_the_side_as_told_and_near_the_bound_of_its_pixels
     assert 0.75 < spread * information < 1.45
 
 
+def test_a_short_side_tells_its_noise_with_little_luck() -> None:
+    """Six segments of four strips: 18 degrees of freedom along the side, and 36 in the pixels across it."""
+    edge = Edge(end=(120.3, 83.0), size=(180, 120))
+    clean, rng = edge.light(), np.random.default_rng(3)
+    found, told = [], []
+    for _ in range(300):
+        noisy = np.round(16.0 * (clean + rng.normal(size=clean.shape) * np.sqrt(0.05 * clean))).astype(np.uint16)
+        good, middle, own = edge.measure(noisy, 6.0)
+        assert good
+        found.append(middle)
+        told.append(own)
+    level = np.median(told)
+    assert np.median(np.abs(told / level - 1.0)) / 0.6745 < np.sqrt(2.0 / 36.0)
+    assert np.mean((np.array(found) - np.mean(found)) ** 2) == pytest.approx(level, rel=0.25)
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_pixels_tell_the_ratio_of_their_noise(dtype: type) -> None:
     edge, rng = Edge(), np.random.default_rng(2)

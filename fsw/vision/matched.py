@@ -35,6 +35,7 @@ from fsw.vision.templates import (
     BY_RISING,
     CC,
     CELL,
+    COLUMNS,
     COUNT,
     CUT,
     INSIDE,
@@ -105,7 +106,8 @@ def match_strips(
             step = b * scale[row, p, STEP] + shift * scale[row, p, ACROSS]
             across, size = shift * scale[row, p, SHIFT], b * scale[row, p, BLURRING]
             left = squares - level * level - step * step - across * across - blurring * blurring
-            if left - (rise * rise + bend * bend) * scale[row, p, SHIFT] ** 2 > most:
+            left = left / scale[row, p, SHIFT] ** 2 - rise * rise - bend * bend  # as noisy as the shift's product
+            if left > most:
                 product[STEP, s] = product[SHIFT, s] = product[TAKEN, s] = 0.0
                 continue
             rest += left
@@ -164,7 +166,7 @@ def match_segments(
     sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
-    full, even, most = float(full_scale(image)), True, math.inf
+    full, even, most, product2 = float(full_scale(image)), True, math.inf, scale[row, PHASES // 2, SHIFT] ** 2
     for judged_each in (JUDGED, 1):
         match_strips(
             scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
@@ -177,10 +179,13 @@ def match_segments(
             if count < SEGMENT_STRIPS or 2.0 * count < ended - begun or sign * b <= MIN_CONTRAST * count * each:
                 continue
             step = abs(b) / (count * each)
-            if sums[piece, REST] > sums[piece, JUDGES] * (taps - 4.0) * each * (NOISE_GATE * step) ** 2:
+            rest, freedom = sums[piece, REST], sums[piece, JUDGES] * (taps - COLUMNS)
+            if rest * product2 > freedom * each * (NOISE_GATE * step) ** 2:
                 continue
             shift = bc / bb
-            variance = (sums[piece, CC] - shift * bc) / ((count - 1.0) * bb)
+            # A few strips may agree by luck: what no template explains across them tells the same noise.
+            squares = sums[piece, CC] - shift * bc + rest
+            variance = squares / ((count - 1.0 + freedom) * bb)
             shift = (shift - seeming) / slowed
             shift = shift * (1.0 + square * shift + cube * shift * shift)
             away = abs(gain) * shift
@@ -211,7 +216,7 @@ def match_segments(
             pooled[EACH * row + BLUR, OWN] += blur_den
             break
         # Every strip is asked, and none that shows a stain or a glint's rim is taken.
-        most = NOISIER * (taps - 4.0) * least_noise(segments, sums, found, gain) * scale[row, PHASES // 2, SHIFT] ** 2
+        most = NOISIER * (taps - COLUMNS) * least_noise(segments, sums, found, gain)
     if not even:
         take_off_light(segments, sums, found, gain)
         by_light = 0.0

@@ -36,7 +36,7 @@ INSIDE, LINE = 0, 1  # in Templates.noise
 MOST_SEGMENTS, SUMS = 6, 15
 # Columns of Templates.sums, over a segment's strips: how many there are, the step b and c, b times the shift in pixels;
 COUNT, B, BB, BC, CC = 0, 1, 2, 3, 4
-# and of every JUDGED-th: how many, squares that the model leaves over, the correction of the blur and its weight, and
+# and of every JUDGED-th: how many, squares that no template explains, the correction of the blur and its weight, and
 # the cell's grey value, products with the templates of light laid over the edge, what they say that c is off by, and
 # that one's variance over c's.
 JUDGES, REST, BLUR_NUM, BLUR_DEN, CELL, RISES, BENDS, OFF, OFF_VARIANCE = 5, 6, 7, 8, 9, 10, 11, 12, 13
