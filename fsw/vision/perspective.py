@@ -88,6 +88,21 @@ def line_width(c: FloatArray, depth: FloatArray, at: int, far: int, ratio: float
 
 
 @tick_kernel
+def line_between(
+    c: FloatArray, expected: FloatArray, deviation: FloatArray, k: int, nx: float, ny: float
+) -> tuple[float, float]:
+    """As line_width, at the start and at the end of side k of a cell c (4, 2), by where the surface has the neighbour.
+
+    c: of the surface. expected, less deviation (4, 2): the neighbour's corners on the surface. On a bent wing the cell
+    itself tells the line's slope, and with it its width in a view askew, wrong on one side as much as on the other.
+    """
+    k1, k2, k3 = (k + 1) % 4, (k + 2) % 4, (k + 3) % 4
+    x0, y0 = expected[k3, 0] - deviation[k3, 0] - c[k, 0], expected[k3, 1] - deviation[k3, 1] - c[k, 1]
+    x1, y1 = expected[k2, 0] - deviation[k2, 0] - c[k1, 0], expected[k2, 1] - deviation[k2, 1] - c[k1, 1]
+    return x0 * nx + y0 * ny, x1 * nx + y1 * ny
+
+
+@tick_kernel
 def mean_gain(expected_px: FloatArray, wanted: NDArray[np.bool_], row: int) -> float:
     """Mean distance from an edge per pixel along the image axis across it, of the sides along X (0) or along Y (1)."""
     gain, count = 0.0, 0

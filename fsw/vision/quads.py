@@ -30,6 +30,7 @@ from fsw.vision.perspective import (
     corner_depths,
     extent_across,
     least_plateau,
+    line_between,
     line_width,
     mean_gain,
     sample_lean,
@@ -62,7 +63,7 @@ def measure_cells(
     wanted: NDArray[np.bool_],
     order: NDArray[np.int64],
     line_ratio: FloatArray,
-    bordering: NDArray[np.bool_],
+    neighbour: NDArray[np.int64],
     width_scale: FloatArray,
     size: FloatArray,
     dark: bool,
@@ -76,8 +77,8 @@ def measure_cells(
     deviation_px (N, 4, 2): what of them is measured, and so has noise that perspective must not be read from. wanted
     (N,): cells to look for. order (N,): in which they are taken; cells side by side share what the cache holds.
     line_ratio (N, 4): width of the line across each side over the cell's extent across that side, on the wing (at a
-    border: the panel's usual line). bordering (N, 4): whether no cell lies across. width_scale (2,): correction of the
-    widths along X and Y. stride: take every so many columns of a side. Results go to `out`. One hidden side (out of
+    border: the panel's usual line). neighbour (N, 4): the cell across each side, or -1. width_scale (2,): correction of
+    the widths along X and Y. stride: take every so many columns of a side. Results go to `out`. One hidden side (out of
     view, or under a glint) is put where its opposite and the cell's size say, with a wider variance; with two, the cell
     is not found. size (2, 2): of the cells, see `standing_in`; brought up to date.
     """
@@ -120,13 +121,18 @@ def measure_cells(
             k2, k3 = (k + 2) % 4, (k + 3) % 4
             extent = extents[k] = extent_across(c, k, nx[k], ny[k])
             # Perspective makes the line wider on a cell's near side than on its far side, and a wedge along it.
-            ratio, scale = line_ratio[n, k], width_scale[row]
-            ahead = scale * line_width(c, depth, k, k3, ratio, nx[k], ny[k])
-            behind = scale * line_width(c, depth, k1, k2, ratio, nx[k], ny[k])
+            beside, ratio, scale = neighbour[n, k], line_ratio[n, k], width_scale[row]
+            if beside >= 0 and wanted[beside]:
+                scale *= extent / extent_across(flat, k, nx[k], ny[k])  # a cell that is nearer has a nearer line
+                ahead, behind = line_between(flat, expected_px[beside], deviation_px[beside], k, nx[k], ny[k])
+            else:
+                ahead = line_width(c, depth, k, k3, ratio, nx[k], ny[k])
+                behind = line_width(c, depth, k1, k2, ratio, nx[k], ny[k])
+            ahead, behind = scale * ahead, scale * behind
             width = 0.5 * (ahead + behind)
             reach = WINDOW_SIGMAS * lens.blur_px + WINDOW_PX
             inner = min(reach, OWN_SHARE * extent)
-            if bordering[n, k]:
+            if beside < 0:
                 outer, bar = min(reach, max(width, 2.5 * lens.blur_px)), (0.0, 0.0)
             elif width > reach + 3.0 * lens.blur_px:
                 outer, bar = reach, (0.0, 0.0)  # a wide line is a plateau: its far side tells nothing

@@ -56,6 +56,7 @@ class Tracker:
         self.in_view, self.wanted = self._approach.in_view, self._approach.wanted
         self.deviation_px = self._approach.deviation_px
         self.line_ratio, self.bordering = self._approach.line_ratio, self._approach.bordering
+        self._neighbour = np.ascontiguousarray(grid.neighbour)
         self.both = np.zeros(count, dtype=np.bool_)
         self.corners_px = np.full((2, count, 4, 2), np.nan)
         self.centre_px = np.full((2, count, 2), np.nan)
@@ -114,7 +115,7 @@ class Tracker:
 
     def _view(self, eye: int) -> View:
         """One eye's share of the arrays."""
-        expected = self.expected_px[eye], self.deviation_px[eye], self.line_ratio, self.bordering
+        expected = self.expected_px[eye], self.deviation_px[eye], self.line_ratio, self._neighbour
         learnt = self.width_scale[eye], self.cell_size[eye], self.blur_px[eye], self.noise[eye], self._correction[eye]
         return View(*expected, *learnt, self.cells[eye], *make_memory())
 

@@ -25,7 +25,7 @@ class View(NamedTuple):
     expected_px: FloatArray  # (N, 4, 2) and the next five, up to the sizes: see measure_cells
     deviation_px: FloatArray  # (N, 4, 2)
     line_ratio: FloatArray  # (N, 4)
-    bordering: NDArray[np.bool_]  # (N, 4)
+    neighbour: NDArray[np.int64]  # (N, 4)
     width_scale: FloatArray  # (2,)
     size: FloatArray  # (2, 2)
     blur_px: FloatArray  # (2,) of the lens, across sides along X, along Y
@@ -67,7 +67,7 @@ def measure_view(
         wanted,
         order,
         view.line_ratio,
-        view.bordering,
+        view.neighbour,
         view.width_scale,
         view.size,
         dark,
