@@ -6,10 +6,11 @@ from vision_scene import FloatArray, facing, paper_rig, rotation, three_panels
 
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.bow import Bow, fit_kinks, make_bow, tilt_extents, unbend
+from fsw.vision.corners import corners_and_centre, make_cells
 from fsw.vision.fitting import fit_surface, make_normal
 from fsw.vision.grid import CellGrid
 from fsw.vision.perspective import extent_across, side_normal
-from fsw.vision.prediction import BENDING, RIGID, Surface, expect, make_surface, set_pose
+from fsw.vision.prediction import BENDING, RIGID, Surface, expect, locate, make_surface, set_pose
 from fsw.vision.rig import eyes_of
 from fsw.vision.sides import inset_px
 from fsw.vision.stereo import Points, make_points, triangulate_cells
@@ -92,6 +93,26 @@ def test_folds_out_of_view_leave_the_surface_as_it_is() -> None:
     assert (bow.factor == 0.0).all()
 
 
+def test_a_twisted_cells_middle_is_that_of_its_corners() -> None:
+    """Its diagonals are skew: where their images cross is off to opposite sides in the two eyes."""
+    rig, grid = paper_rig(4096), three_panels()
+    R, t = facing(rig, (700.0, 0.0), 725.0, rotation(2.0, -1.0, 3.0))
+    surface, eyes, count = make_surface(grid), eyes_of(rig), grid.count
+    set_pose(surface, R, t)
+    surface.unknowns[RIGID + 3] = TWIST_MM
+    corners, depth = np.zeros((2, count, 4, 2)), np.zeros((2, count, 4))
+    in_view = np.zeros((2, count), np.bool_)
+    expect(surface, eyes, corners, depth, np.zeros((2, count, 2)), in_view)
+    still = np.zeros(4)
+    for n in np.flatnonzero(in_view.all(axis=0)):
+        middle = np.mean([locate(surface, n, k) for k in range(4)], axis=0)
+        for eye in (0, 1):
+            cells, c = make_cells(count), corners[eye, n]
+            nx, ny = np.transpose([side_normal(c, k)[1:] for k in range(4)])
+            corners_and_centre(c, depth[eye, n], np.array(nx), np.array(ny), still, still, still, n, cells)
+            assert cells.centre_px[n] == pytest.approx(rig.project_ideal(eye, middle[None])[0], abs=1e-6)
+
+
 def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     rig, grid = paper_rig(4096), three_panels()
     R, t = facing(rig, (700.0, 0.0), 725.0, rotation(2.0, -1.0, 3.0))
@@ -99,7 +120,7 @@ def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     set_pose(surface, R, t)
     surface.unknowns[RIGID + np.array([3, 4, 5, 7])] = TWIST_MM, BEND_MM, CUBIC_MM, ACROSS_MM
     expected, centre, in_view = np.zeros((2, count, 4, 2)), np.zeros((2, count, 2)), np.zeros((2, count), np.bool_)
-    expect(surface, eyes, expected, centre, in_view)
+    expect(surface, eyes, expected, np.zeros((2, count, 4)), centre, in_view)
     seen = in_view.all(axis=0)
 
     def place(xy: FloatArray) -> FloatArray:
@@ -142,12 +163,12 @@ def test_cells_beside_a_fold_are_expected_as_long_as_their_panel_shows_them() ->
     bow = make_bow(grid, surface)
     places = np.column_stack([grid.centre_mm, height_mm(grid, grid.centre_mm, 4.0 * KINK_MM)]) @ R.T + t
     expected, centre, in_view = np.zeros((2, count, 4, 2)), np.zeros((2, count, 2)), np.zeros((2, count), np.bool_)
-    expect(surface, eyes, expected, centre, in_view)
+    expect(surface, eyes, expected, np.zeros((2, count, 4)), centre, in_view)
     seen = in_view.all(axis=0)
     points = points_at(places, seen)
     for _ in range(3):
         fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, np.zeros(count))
-    expect(surface, eyes, expected, centre, in_view)
+    expect(surface, eyes, expected, np.zeros((2, count, 4)), centre, in_view)
     fit_kinks(surface, points, bow)
     tilted = np.zeros((2, count, 2))
     tilt_extents(surface, eyes, expected, np.ones(count, dtype=np.bool_), bow, tilted)

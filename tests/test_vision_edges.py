@@ -268,6 +268,10 @@ class Sheet:
             flat[..., 0] = 62.0 + (np.sqrt(1.0 + 2.0 * self.bend * (flat[..., 0] - 62.0)) - 1.0) / self.bend
         return cv2.perspectiveTransform(flat.reshape(1, -1, 2), self.H).reshape(9, 4, 2)
 
+    def depths(self) -> FloatArray:
+        """Of the corners (9, 4)."""
+        return 1.0 / (np.concatenate([self.corners_px(), np.ones((9, 4, 1))], axis=2) @ np.linalg.inv(self.H)[2])
+
     def centres_px(self) -> FloatArray:
         flat = [np.array(self.pitch_mm) * (i, j) + 0.5 * np.array(self.cell_mm) for i in range(3) for j in range(3)]
         return cv2.perspectiveTransform(np.array(flat).reshape(1, -1, 2), self.H)[0]
@@ -287,7 +291,7 @@ class Sheet:
         beside = [((i, j - 1), (i + 1, j), (i, j + 1), (i - 1, j)) for i in range(3) for j in range(3)]
         neighbour = np.array([[3 * i + j if {i, j} <= {0, 1, 2} else -1 for i, j in four] for four in beside])
         measure_cells(
-            as_frame(image), (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)),
+            as_frame(image), (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)), self.depths(),
             np.broadcast_to(wanted, 9).copy(), np.arange(9), np.tile(ratio[[1, 0, 1, 0]], (9, 1)), neighbour,
             np.ones(2), told_size(), dark, 1, scratch, cells,
         )  # fmt: skip

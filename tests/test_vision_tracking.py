@@ -45,7 +45,7 @@ class Wing:
     def expected(self, surface: Surface) -> tuple[FloatArray, FloatArray, FloatArray]:
         count = self.grid.count
         corners, centre, in_view = np.zeros((2, count, 4, 2)), np.zeros((2, count, 2)), np.zeros((2, count), bool)
-        expect(surface, self.eyes, corners, centre, in_view)
+        expect(surface, self.eyes, corners, np.zeros((2, count, 4)), centre, in_view)
         return corners, centre, in_view
 
     def sightings(self, guess: Surface, truth: Surface) -> Sightings:

@@ -33,8 +33,9 @@ from fsw.vision.search import make_sightings
 class Approach:
     """Where the cells are expected, and how the surface is brought there; one thread for each eye, or one for both.
 
-    expected_px (2, N, 4, 2), expected_centre_px (2, N, 2): ideal pixels. in_view (2, N). wanted (N,): cells whose
-    centres both eyes should see. deviation_px (2, N, 4, 2): of the measured corners from the surface, last tick.
+    expected_px (2, N, 4, 2), expected_centre_px (2, N, 2): ideal pixels. depth_mm (2, N, 4): of the corners. in_view
+    (2, N). wanted (N,): cells whose centres both eyes should see. deviation_px (2, N, 4, 2): of the measured corners
+    from the surface, last tick.
     """
 
     def __init__(self, grid: CellGrid, eyes: Eyes, surface: Surface, normal: Normal, threads: int) -> None:
@@ -45,8 +46,9 @@ class Approach:
         self.wanted = np.zeros(count, dtype=np.bool_)
         self.surface, self.eyes, self._normal = surface, eyes, normal
         self.line_ratio, self.bordering = line_ratios(grid), np.ascontiguousarray(grid.neighbour < 0)
-        expected = self.expected_px, self.expected_centre_px, self.in_view, self.wanted, self.deviation_px
-        self.lines = Lines(*expected, self.line_ratio, self.bordering, make_sightings(count))
+        self.depth_mm = np.ones((2, count, 4))
+        expected = self.expected_px, self.depth_mm, self.expected_centre_px, self.in_view, self.wanted
+        self.lines = Lines(*expected, self.deviation_px, self.line_ratio, self.bordering, make_sightings(count))
         self._sign = 1.0 if grid.dark else -1.0
         self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
         self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import COMMON, FloatArray
-from fsw.vision.perspective import centre_share, crossing
+from fsw.vision.perspective import centre_share, seen_middle
 from wingbeat.kernels import tick_kernel
 
 
@@ -56,6 +56,7 @@ def add_pull(pull: FloatArray, x: float, y: float) -> None:
 @tick_kernel
 def corners_and_centre(
     c: FloatArray,
+    depth: FloatArray,
     nx: FloatArray,
     ny: FloatArray,
     middle: FloatArray,
@@ -95,8 +96,8 @@ def corners_and_centre(
         vxy += variance[k] * gx * gy
         vyy += variance[k] * gy * gy
     out.covariance_px2[n, 0], out.covariance_px2[n, 1], out.covariance_px2[n, 2] = vxx, vxy, vyy
-    # The crossing of the diagonals is the centre, but it swings with the slopes of the long sides. Perspective moves it
+    # The crossing of the measured diagonals would swing with the slopes of the long sides. Perspective moves the centre
     # off the corners' mean by a small amount that the expected shape knows well enough.
-    x, y = crossing(c)
+    x, y = seen_middle(c, depth)
     out.centre_px[n, 0] = x + 0.25 * (corners[:, 0].sum() - c[:, 0].sum())
     out.centre_px[n, 1] = y + 0.25 * (corners[:, 1].sum() - c[:, 1].sum())

@@ -48,7 +48,6 @@ class Quad(NamedTuple):
     ny: FloatArray  # (4,)
     length: FloatArray  # (4,) px
     extent: FloatArray  # (4,) px, of the cell from each side to the one across
-    depth: FloatArray  # (4,) of the corners, see corner_depths
     middle: FloatArray  # (4,) where the side's middle was found, px outwards of where it was expected,
     slope: FloatArray  # (4,) from its start to its end,
     variance: FloatArray  # (4,) of the middle
@@ -65,7 +64,7 @@ class Quad(NamedTuple):
 
 def make_quad() -> Quad:
     """Take the memory."""
-    shapes = [(4,)] * 14 + [(4, 2), (POOLED_ROWS, 3), (6, 2)]
+    shapes = [(4,)] * 13 + [(4, 2), (POOLED_ROWS, 3), (6, 2)]
     return Quad(*(np.zeros(shape) for shape in shapes))
 
 

@@ -23,6 +23,7 @@ class Lines(NamedTuple):
     """Where both eyes expect the lines of N cells, and where the last look has found them."""
 
     expected_px: FloatArray  # (2, N, 4, 2) ideal pixels of the corners: the surface's, and what they deviate by
+    depth_mm: FloatArray  # (2, N, 4) of the corners
     centre_px: FloatArray  # (2, N, 2)
     in_view: BoolArray  # (2, N)
     wanted: BoolArray  # (N,) in view of both
@@ -35,7 +36,7 @@ class Lines(NamedTuple):
 @tick_kernel
 def expect_lines(surface: Surface, eyes: Eyes, lines: Lines, step: int = 1) -> None:
     """Expect every step-th cell where the surface is, and as its corners deviate from it."""
-    expect(surface, eyes, lines.expected_px, lines.centre_px, lines.in_view, step)
+    expect(surface, eyes, lines.expected_px, lines.depth_mm, lines.centre_px, lines.in_view, step)
     for n in range(0, len(lines.wanted), step):
         lines.wanted[n] = lines.in_view[0, n] and lines.in_view[1, n]
         if lines.in_view[0, n] or lines.in_view[1, n]:  # the others stay

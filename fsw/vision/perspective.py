@@ -13,26 +13,15 @@ OWN_SHARE = 0.45  # of a cell's extent: what lies as near to a side is its own, 
 
 
 @tick_kernel
-def corner_depths(c: FloatArray, depth: FloatArray) -> None:
-    """Write the depths (4,) of a flat cell's corners, as its image c (4, 2) tells them: the first corner's is 1.
+def seen_middle(c: FloatArray, depth: FloatArray) -> tuple[float, float]:
+    """Projection of the middle of four corners, seen at c (4, 2) in these depths (4,).
 
-    The cell is the unit square, seen by a homography whose last row is (g, h, 1) (Heckbert, Fundamentals of texture
-    mapping, 1989, section 2.2.3).
+    The images of a flat cell's diagonals cross there, too; a twisted cell's diagonals do not meet.
     """
-    ax, ay, bx, by = c[1, 0] - c[2, 0], c[1, 1] - c[2, 1], c[3, 0] - c[2, 0], c[3, 1] - c[2, 1]
-    sx, sy = c[0, 0] - c[1, 0] - bx, c[0, 1] - c[1, 1] - by
-    det = ax * by - bx * ay
-    g, h = (sx * by - bx * sy) / det, (ax * sy - sx * ay) / det
-    depth[0], depth[1], depth[2], depth[3] = 1.0, 1.0 + g, 1.0 + g + h, 1.0 + h
-
-
-@tick_kernel
-def crossing(c: FloatArray) -> tuple[float, float]:
-    """Where the diagonals of a quadrangle c (4, 2) meet: the projection of a flat cell's centre."""
-    dx, dy = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1]
-    fx, fy = c[3, 0] - c[1, 0], c[3, 1] - c[1, 1]
-    t = ((c[1, 0] - c[0, 0]) * fy - (c[1, 1] - c[0, 1]) * fx) / (dx * fy - dy * fx)
-    return c[0, 0] + t * dx, c[0, 1] + t * dy
+    whole = depth[0] + depth[1] + depth[2] + depth[3]
+    x = depth[0] * c[0, 0] + depth[1] * c[1, 0] + depth[2] * c[2, 0] + depth[3] * c[3, 0]
+    y = depth[0] * c[0, 1] + depth[1] * c[1, 1] + depth[2] * c[2, 1] + depth[3] * c[3, 1]
+    return x / whole, y / whole
 
 
 @tick_kernel
@@ -81,7 +70,7 @@ def centre_share(nx: FloatArray, ny: FloatArray, k: int) -> tuple[float, float]:
 def line_width(c: FloatArray, depth: FloatArray, at: int, far: int, ratio: float, nx: float, ny: float) -> float:
     """How far outwards of a side, in px, the neighbour begins, on the cell's edge from corner `far` to corner `at`.
 
-    c (4, 2): corners. depth (4,): see corner_depths. ratio: of the line's width to the cell's extent, on the wing.
+    c (4, 2): corners. depth (4,): of the corners. ratio: of the line's width to the cell's extent, on the wing.
     """
     away = (c[at, 0] - c[far, 0]) * nx + (c[at, 1] - c[far, 1]) * ny
     return ratio * away * depth[far] / (depth[at] + ratio * (depth[at] - depth[far]))

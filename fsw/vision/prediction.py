@@ -111,9 +111,16 @@ def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
 
 @tick_kernel
 def expect(
-    surface: Surface, eyes: Eyes, corners_px: FloatArray, centre_px: FloatArray, in_view: BoolArray, step: int = 1
+    surface: Surface,
+    eyes: Eyes,
+    corners_px: FloatArray,
+    depth_mm: FloatArray,
+    centre_px: FloatArray,
+    in_view: BoolArray,
+    step: int = 1,
 ) -> None:
-    """Expected ideal pixels of corners (2, N, 4, 2), centres (2, N, 2), and whether a centre is in the image (2, N).
+    """Expected ideal pixels of corners (2, N, 4, 2), their depths (2, N, 4), centres (2, N, 2), and whether a centre is
+    in the image (2, N).
 
     step: of every so many cells; the others stay. Corners of cells in view of neither eye stay as well.
     """
@@ -125,21 +132,21 @@ def expect(
             inside, _, _ = image_point(eyes, eye, u, v)
             in_view[eye, n] = inside and depth > 0.0
         if in_view[0, n] or in_view[1, n]:
-            _expect_corners(surface, eyes, n, corners_px)
+            _expect_corners(surface, eyes, n, corners_px, depth_mm)
 
 
 @tick_kernel
-def expect_again(surface: Surface, eyes: Eyes, chosen: BoolArray, corners_px: FloatArray) -> None:
+def expect_again(surface: Surface, eyes: Eyes, chosen: BoolArray, corners_px: FloatArray, depth_mm: FloatArray) -> None:
     """As `expect`, of the corners (2, N, 4, 2) of the chosen cells (N,) alone: the others stay."""
     for n in range(chosen.shape[0]):
         if chosen[n]:
-            _expect_corners(surface, eyes, n, corners_px)
+            _expect_corners(surface, eyes, n, corners_px, depth_mm)
 
 
 @inline_kernel
-def _expect_corners(surface: Surface, eyes: Eyes, n: int, corners_px: FloatArray) -> None:
+def _expect_corners(surface: Surface, eyes: Eyes, n: int, corners_px: FloatArray, depth_mm: FloatArray) -> None:
     for k in range(4):
         x, y, z = locate(surface, n, k)
         for eye in range(2):
-            u, v, _ = project(eyes.projection[eye], x, y, z)
+            u, v, depth_mm[eye, n, k] = project(eyes.projection[eye], x, y, z)
             corners_px[eye, n, k, 0], corners_px[eye, n, k, 1] = u, v

@@ -27,7 +27,6 @@ from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
     OWN_SHARE,
     centre_share,
-    corner_depths,
     extent_across,
     least_plateau,
     line_between,
@@ -60,6 +59,7 @@ def measure_cells(
     lenses: tuple[Lens, Lens],
     expected_px: FloatArray,
     deviation_px: FloatArray,
+    depth_mm: FloatArray,
     wanted: NDArray[np.bool_],
     order: NDArray[np.int64],
     line_ratio: FloatArray,
@@ -74,8 +74,8 @@ def measure_cells(
     """Measure all wanted cells of one image.
 
     lenses: the eye as it sees sides along X, and along Y. expected_px (N, 4, 2): ideal pixels, right to about the blur.
-    deviation_px (N, 4, 2): what of them is measured, and so has noise that perspective must not be read from. wanted
-    (N,): cells to look for. order (N,): in which they are taken; cells side by side share what the cache holds.
+    deviation_px (N, 4, 2): what of them is measured, and so has noise. depth_mm (N, 4): of the corners. wanted (N,):
+    cells to look for. order (N,): in which they are taken; cells side by side share what the cache holds.
     line_ratio (N, 4): width of the line across each side over the cell's extent across that side, on the wing (at a
     border: the panel's usual line). neighbour (N, 4): the cell across each side, or -1. width_scale (2,): correction of
     the widths along X and Y. stride: take every so many columns of a side. Results go to `out`. One hidden side (out of
@@ -90,8 +90,8 @@ def measure_cells(
         fill_templates(lenses[row].step, lenses[row].blur_px, gain, room, row, scratch.templates)
     scratch.sizes[:] = 0.0
     intrinsics, distortion = lenses[0].intrinsics, lenses[0].distortion
-    nx, ny, lengths, extents, depth, middle, slope, variance = scratch.quad[:8]
-    by_blur, by_width, weight, cross, bright, by_light, flat, agreed, seen = scratch.quad[8:]
+    nx, ny, lengths, extents, middle, slope, variance = scratch.quad[:7]
+    by_blur, by_width, weight, cross, bright, by_light, flat, agreed, seen = scratch.quad[7:]
     for place in range(len(order)):
         n = order[place]
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
@@ -101,13 +101,12 @@ def measure_cells(
         out.residual_px[n] = out.contrast[n] = np.nan
         if not wanted[n]:
             continue
-        c, following = expected_px[n], expected_px[next_wanted(order, wanted, place)]
+        c, depth, following = expected_px[n], depth_mm[n], expected_px[next_wanted(order, wanted, place)]
         for k in range(6):
             x, y = (c[k, 0], c[k, 1]) if k < 4 else (following[k - 4, 0], following[k - 4, 1])
             seen[k, 0], seen[k, 1], _, _, _, _ = distort_point(x, y, intrinsics, distortion)
         for k in range(4):
             flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
-        corner_depths(flat, depth)
         hidden, which, firm, squares, contrast = 0, -1, True, 0.0, 0.0
         _copy(scratch.pooled, agreed)
         turn = (c[1, 0] - c[0, 0]) * (c[3, 1] - c[0, 1]) - (c[1, 1] - c[0, 1]) * (c[3, 0] - c[0, 0])
@@ -219,7 +218,7 @@ def measure_cells(
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
-        corners_and_centre(c, nx, ny, middle, slope, variance, n, out)
+        corners_and_centre(c, depth, nx, ny, middle, slope, variance, n, out)
         out.pull[n] = 0.0
         for k in range(4):
             gx, gy = centre_share(nx, ny, k)

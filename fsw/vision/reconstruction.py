@@ -32,6 +32,7 @@ class Pair(NamedTuple):
     expected_px: FloatArray  # (2, N, 4, 2)
     deviation_px: FloatArray  # (2, N, 4, 2)
     blur_px: FloatArray  # (2, 2)
+    depth_mm: FloatArray  # (2, N, 4)
     bordering: BoolArray  # (N, 4)
     column: NDArray[np.int64]  # (N,) from the root
     distance_mm: FloatArray  # (N,) of the points from the surface
@@ -44,11 +45,11 @@ class Pair(NamedTuple):
 def make_pair(
     cells: tuple[Cells, Cells],
     pixels: tuple[FloatArray, FloatArray, FloatArray],
-    expected: tuple[FloatArray, FloatArray, FloatArray],
+    expected: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     bordering: BoolArray,
     column: NDArray[np.int64],
 ) -> Pair:
-    """Take the memory. pixels: corners, centres and covariances; expected: expected_px, deviation_px and blur_px."""
+    """Take the memory. pixels: corners, centres and covariances; expected: expected_px to depth_mm."""
     count = len(column)
     memory = np.full(count, np.nan), np.zeros((2, count, 2)), np.zeros(count, np.bool_)
     sizes, stand = np.zeros((2, count + ROWS_BEHIND, WORK)), np.zeros((int(column[-1]) + 1, 2))
@@ -78,7 +79,7 @@ def reconstruct_points(
     xyz, sigma = points.xyz_mm, points.sigma_mm
     gate_mm = fit_surface(surface, xyz, sigma, points.valid, widest_mm, normal, pair.distance_mm)
     stand = _gate(points, pair, gate_mm, widest_mm)
-    expect_again(surface, eyes, wanted, pair.expected_px)
+    expect_again(surface, eyes, wanted, pair.expected_px, pair.depth_mm)
     fit_kinks(surface, points, bow)
     if _find_odd(eyes, surface, bow, pair, matched, wanted):
         retriangulate_cells(eyes, pair.corners_px, pair.centre_px, pair.covariance_px2, pair.odd, points)

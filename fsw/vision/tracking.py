@@ -70,7 +70,7 @@ class Tracker:
         self._forget_sizes()
         self._correction = np.zeros((2, COMMON))
         self._views = self._view(0), self._view(1)
-        expected = self.expected_px, self.deviation_px, self.blur_px
+        expected = self.expected_px, self.deviation_px, self.blur_px, self._approach.depth_mm
         self._pair = make_pair(self.cells, pixels, expected, self.bordering, grid.column)
         self._slip = Slip(grid, self.surface)
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
@@ -115,9 +115,10 @@ class Tracker:
 
     def _view(self, eye: int) -> View:
         """One eye's share of the arrays."""
-        expected = self.expected_px[eye], self.deviation_px[eye], self.line_ratio, self._neighbour
+        expected = self.expected_px[eye], self.deviation_px[eye], self._approach.depth_mm[eye]
+        lines = self.line_ratio, self._neighbour
         learnt = self.width_scale[eye], self.cell_size[eye], self.blur_px[eye], self.noise[eye], self._correction[eye]
-        return View(*expected, *learnt, self.cells[eye], *make_memory())
+        return View(*expected, *lines, *learnt, self.cells[eye], *make_memory())
 
     def _forget_sizes(self) -> None:
         for eye in (0, 1):

@@ -22,8 +22,9 @@ from wingbeat.kernels import tick_kernel
 class View(NamedTuple):
     """What one eye expects and measures of N cells: views of the tracker's arrays, and memory of its own."""
 
-    expected_px: FloatArray  # (N, 4, 2) and the next five, up to the sizes: see measure_cells
+    expected_px: FloatArray  # (N, 4, 2) and the next six, up to the sizes: see measure_cells
     deviation_px: FloatArray  # (N, 4, 2)
+    depth_mm: FloatArray  # (N, 4)
     line_ratio: FloatArray  # (N, 4)
     neighbour: NDArray[np.int64]  # (N, 4)
     width_scale: FloatArray  # (2,)
@@ -64,6 +65,7 @@ def measure_view(
         (along_x, along_y),
         view.expected_px,
         view.deviation_px,
+        view.depth_mm,
         wanted,
         order,
         view.line_ratio,
