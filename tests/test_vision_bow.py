@@ -141,7 +141,7 @@ def test_a_point_is_where_the_bent_cells_centre_is() -> None:
                 corners[eye, n, k] = u[:2] / u[2]
     points = make_points(count)
     covariance = np.tile([2e-5, 1e-6, 1e-5], (2, count, 1))
-    triangulate_cells(eyes, corners, corners.mean(axis=2), covariance, seen, points)
+    triangulate_cells(eyes, corners, corners.mean(axis=2), covariance, seen, (seen, seen), points)
     true = place(grid.centre_mm)
     before = np.abs(points.xyz_mm - true)[seen]
     normal, distance = make_normal(count), np.zeros(count)

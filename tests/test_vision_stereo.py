@@ -32,7 +32,8 @@ def triangulated(
     count = centre.shape[1]
     out = make_points(count)
     chosen = np.ones(count, bool) if matched is None else matched
-    triangulate_cells(eyes_of(rig), corners, centre, covariance, chosen, out)
+    whole = np.ones(count, bool), np.ones(count, bool)
+    triangulate_cells(eyes_of(rig), corners, centre, covariance, chosen, whole, out)
     return out
 
 
@@ -177,11 +178,29 @@ def test_rays_that_do_not_meet_before_the_eyes_give_no_valid_point(disparity_px:
     assert not points.valid[0]
 
 
+def test_a_hidden_side_moves_a_point_along_what_its_covariance_leaves_open() -> None:
+    """In the right eye, both ends of side 0 slip along the sides that meet it: that much is not known there."""
+    rig, corners = paper_rig(), cells_in_view(8)
+    seen, centre = pixels(rig, corners), pixels(rig, corners.mean(axis=1))
+    slip = 0.15 * (seen[1, :, [0, 1]] - seen[1, :, [3, 2]]) / 60.0
+    seen[1, :, 0] += slip[0]
+    seen[1, :, 1] += slip[1]
+    moved = 0.25 * slip.sum(axis=0)
+    centre[1] += moved
+    covariance = unit(8, 1e-6)
+    covariance[1] += np.column_stack([moved[:, 0] ** 2, moved[:, 0] * moved[:, 1], moved[:, 1] ** 2])
+    whole, out = np.ones(8, bool), make_points(8)
+    triangulate_cells(eyes_of(rig), seen, centre, covariance, whole, (whole, ~whole), out)
+    error = out.xyz_mm - corners.mean(axis=1)
+    squares = np.einsum("ni,ni->n", error, np.linalg.solve(out.covariance_mm2, error[..., None])[..., 0])
+    assert squares.max() < 1.1  # one sigma of the hidden side
+
+
 def test_results_of_the_last_tick_do_not_linger() -> None:
     rig, corners = paper_rig(), cells_in_view(4)
     both = pixels(rig, corners), pixels(rig, corners.mean(axis=1))
     out = make_points(4)
     for matched in (np.ones(4, bool), np.zeros(4, bool)):
-        triangulate_cells(eyes_of(rig), *both, unit(4), matched, out)
+        triangulate_cells(eyes_of(rig), *both, unit(4), matched, (matched, matched), out)
     assert not out.valid.any()
     assert all(np.isnan(field).all() for field in out[:-1])

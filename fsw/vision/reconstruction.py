@@ -74,7 +74,8 @@ def reconstruct_points(
 
     wanted (N,): cells that both eyes should see. widest_mm: a point farther off the surface is none.
     """
-    triangulate_cells(eyes, pair.corners_px, pair.centre_px, pair.covariance_px2, matched, points)
+    whole = (pair.cells[0].whole, pair.cells[1].whole)
+    triangulate_cells(eyes, pair.corners_px, pair.centre_px, pair.covariance_px2, matched, whole, points)
     gate_residuals(points, reprojection_gate_px, epipolar_gate_px)
     xyz, sigma = points.xyz_mm, points.sigma_mm
     gate_mm = fit_surface(surface, xyz, sigma, points.valid, widest_mm, normal, pair.distance_mm)
@@ -82,7 +83,7 @@ def reconstruct_points(
     expect_again(surface, eyes, wanted, pair.expected_px, pair.depth_mm)
     fit_kinks(surface, points, bow)
     if _find_odd(eyes, surface, bow, pair, matched, wanted):
-        retriangulate_cells(eyes, pair.corners_px, pair.centre_px, pair.covariance_px2, pair.odd, points)
+        retriangulate_cells(eyes, pair.corners_px, pair.centre_px, pair.covariance_px2, pair.odd, whole, points)
         for n in range(len(matched)):
             points.valid[n] = points.valid[n] and pair.cells[0].found[n] and pair.cells[1].found[n]
         gate_residuals(points, reprojection_gate_px, epipolar_gate_px)

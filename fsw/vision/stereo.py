@@ -129,21 +129,24 @@ def triangulate_cells(
     centre_px: FloatArray,
     covariance_px2: FloatArray,
     matched: BoolArray,
+    whole: tuple[BoolArray, BoolArray],
     out: Points,
 ) -> None:
     """Triangulate the matched cells: corners one by one, their mean is the centre.
 
     corners_px (2, N, 4, 2), centre_px (2, N, 2), covariance_px2 (2, N, 3): ideal pixels in both eyes. matched (N,).
-    Results go to `out`.
+    whole (N,), (N,): of which cells an eye has seen all sides. Results go to `out`.
 
-    The mean of the corners has no perspective bias; its covariance is that of the centre's pixels.
+    The mean of the corners has no perspective bias, however the cell is tilted; its covariance is that of the centre's
+    pixels. Where a side is hidden the corners' depths are off by a tenth of a mm, each by another amount, and
+    perspective moves their mean across it: there the centre's pixels are triangulated, whose error is what is told.
     """
     for n in range(matched.shape[0]):
         out.valid[n] = False
         out.xyz_mm[n] = np.nan
         out.covariance_mm2[n] = np.nan
         out.sigma_mm[n] = out.reprojection_px[n] = out.epipolar_px[n] = np.nan
-    retriangulate_cells(eyes, corners_px, centre_px, covariance_px2, matched, out)
+    retriangulate_cells(eyes, corners_px, centre_px, covariance_px2, matched, whole, out)
 
 
 @tick_kernel
@@ -153,6 +156,7 @@ def retriangulate_cells(
     centre_px: FloatArray,
     covariance_px2: FloatArray,
     chosen: BoolArray,
+    whole: tuple[BoolArray, BoolArray],
     out: Points,
 ) -> None:
     """As triangulate_cells, of the chosen cells (N,): the others stay as they are."""
@@ -161,15 +165,17 @@ def retriangulate_cells(
         if not chosen[n]:
             continue
         weight = (_weight(covariance_px2[0, n]), _weight(covariance_px2[1, n]))
-        mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
-        for k in range(4):
-            a, b = corners_px[0, n, k], corners_px[1, n, k]
-            x, y, z = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
-            mean_x, mean_y, mean_z = mean_x + 0.25 * x, mean_y + 0.25 * y, mean_z + 0.25 * z
-        out.xyz_mm[n, 0], out.xyz_mm[n, 1], out.xyz_mm[n, 2] = mean_x, mean_y, mean_z
         a, b = centre_px[0, n], centre_px[1, n]
         pixel = (a[0], a[1]), (b[0], b[1])
         centre = triangulate(P, pixel, weight)
+        out.xyz_mm[n, 0], out.xyz_mm[n, 1], out.xyz_mm[n, 2] = centre
+        if whole[0][n] and whole[1][n]:
+            out.xyz_mm[n] = 0.0
+            for k in range(4):
+                a, b = corners_px[0, n, k], corners_px[1, n, k]
+                corner = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
+                for i in range(3):
+                    out.xyz_mm[n, i] += 0.25 * corner[i]
         information, _, squares = _linearise(P, pixel, weight, centre)
         out.reprojection_px[n] = math.sqrt(squares / 4.0)  # over the four coordinates
         C = out.covariance_mm2[n]
