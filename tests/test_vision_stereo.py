@@ -179,10 +179,11 @@ def test_rays_that_do_not_meet_before_the_eyes_give_no_valid_point(disparity_px:
 
 
 def test_a_hidden_side_moves_a_point_along_what_its_covariance_leaves_open() -> None:
-    """In the right eye, both ends of side 0 slip along the sides that meet it: that much is not known there."""
+    """In the right eye, side 0 is put half a pixel off along the sides that meet it: so much is not known there."""
     rig, corners = paper_rig(), cells_in_view(8)
     seen, centre = pixels(rig, corners), pixels(rig, corners.mean(axis=1))
-    slip = 0.15 * (seen[1, :, [0, 1]] - seen[1, :, [3, 2]]) / 60.0
+    along = seen[1, :, [0, 1]] - seen[1, :, [3, 2]]
+    slip = 0.5 * along / np.linalg.norm(along, axis=-1, keepdims=True)
     seen[1, :, 0] += slip[0]
     seen[1, :, 1] += slip[1]
     moved = 0.25 * slip.sum(axis=0)
@@ -193,7 +194,7 @@ def test_a_hidden_side_moves_a_point_along_what_its_covariance_leaves_open() -> 
     triangulate_cells(eyes_of(rig), seen, centre, covariance, whole, (whole, ~whole), out)
     error = out.xyz_mm - corners.mean(axis=1)
     squares = np.einsum("ni,ni->n", error, np.linalg.solve(out.covariance_mm2, error[..., None])[..., 0])
-    assert squares.max() < 1.1  # one sigma of the hidden side
+    assert squares.max() < 0.05  # the other eye's pixels, which are right, outweigh them
 
 
 def test_results_of_the_last_tick_do_not_linger() -> None:
