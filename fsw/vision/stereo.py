@@ -139,7 +139,8 @@ def triangulate_cells(
 
     The mean of the corners has no perspective bias, however the cell is tilted; its covariance is that of the centre's
     pixels. Where a side is hidden the corners' depths are off by a tenth of a mm, each by another amount, and
-    perspective moves their mean across it: there the centre's pixels are triangulated, whose error is what is told.
+    perspective moves their mean across it: there the centre's pixels are triangulated. They hang on the tilt that the
+    surface has there, which is no better known: what lies between the two is told as uncertain.
     """
     for n in range(matched.shape[0]):
         out.valid[n] = False
@@ -168,24 +169,26 @@ def retriangulate_cells(
         a, b = centre_px[0, n], centre_px[1, n]
         pixel = (a[0], a[1]), (b[0], b[1])
         centre = triangulate(P, pixel, weight)
-        out.xyz_mm[n, 0], out.xyz_mm[n, 1], out.xyz_mm[n, 2] = centre
-        if whole[0][n] and whole[1][n]:
-            out.xyz_mm[n] = 0.0
-            for k in range(4):
-                a, b = corners_px[0, n, k], corners_px[1, n, k]
-                corner = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
-                for i in range(3):
-                    out.xyz_mm[n, i] += 0.25 * corner[i]
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(4):
+            a, b = corners_px[0, n, k], corners_px[1, n, k]
+            corner = triangulate(P, ((a[0], a[1]), (b[0], b[1])), weight)
+            x, y, z = x + 0.25 * corner[0], y + 0.25 * corner[1], z + 0.25 * corner[2]
         information, _, squares = _linearise(P, pixel, weight, centre)
         out.reprojection_px[n] = math.sqrt(squares / 4.0)  # over the four coordinates
-        C = out.covariance_mm2[n]
         xx, xy, xz, yy, yz, zz = _inverse3(information)
+        if not (whole[0][n] and whole[1][n]):
+            dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
+            xx, xy, xz, yy, yz, zz = xx + dx * dx, xy + dx * dy, xz + dx * dz, yy + dy * dy, yz + dy * dz, zz + dz * dz
+            x, y, z = centre
+        out.xyz_mm[n, 0], out.xyz_mm[n, 1], out.xyz_mm[n, 2] = x, y, z
+        C = out.covariance_mm2[n]
         C[0, 0], C[1, 1], C[2, 2] = xx, yy, zz
         C[0, 1] = C[1, 0] = xy
         C[0, 2] = C[2, 0] = xz
         C[1, 2] = C[2, 1] = yz
         out.sigma_mm[n] = math.sqrt(xx + yy + zz)
-        u, v, x, y = centre_px[0, n, 0], centre_px[0, n, 1], centre_px[1, n, 0], centre_px[1, n, 1]
+        (u, v), (x, y) = pixel
         la = F[0, 0] * u + F[0, 1] * v + F[0, 2]
         lb = F[1, 0] * u + F[1, 1] * v + F[1, 2]
         lc = F[2, 0] * u + F[2, 1] * v + F[2, 2]
