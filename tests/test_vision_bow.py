@@ -148,7 +148,10 @@ def test_a_point_is_where_the_bent_cells_centre_is() -> None:
     fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, distance)
     bow = make_bow(grid, surface)
     fit_kinks(surface, points, bow)
+    told, points.between_mm[seen] = points.covariance_mm2[seen], (0.0, 0.0, 0.01)
     unbend(surface, eyes, expected, covariance, np.full((2, 2), BLUR_PX), bow, points)
+    assert points.covariance_mm2[seen] - told == pytest.approx(np.tile(np.diag([0.0, 0.0, 1e-4]), (seen.sum(), 1, 1)))
+    assert points.sigma_mm[seen] ** 2 == pytest.approx(np.trace(told, axis1=1, axis2=2) + 1e-4)
     after = np.abs(points.xyz_mm - true)[seen]
     assert seen.sum() > 200
     assert before[:, 0].max() > 0.002 and before[:, 2].max() > 0.001

@@ -195,9 +195,9 @@ def test_a_hidden_side_moves_a_point_along_what_its_covariance_leaves_open() -> 
     error = out.xyz_mm - corners.mean(axis=1)
     squares = np.einsum("ni,ni->n", error, np.linalg.solve(out.covariance_mm2, error[..., None])[..., 0])
     assert squares.max() < 0.05  # the other eye's pixels, which are right, outweigh them
-    mean = triangulated(rig, seen, centre, covariance).xyz_mm - out.xyz_mm  # of the corners, less the centre
-    told = np.einsum("ni,ni->n", mean, np.linalg.solve(out.covariance_mm2, mean[..., None])[..., 0])
-    assert told.min() > 0.1 and told.max() < 1.0  # what lies between the two is told
+    mean = triangulated(rig, seen, centre, covariance)  # of the corners
+    assert out.between_mm == pytest.approx(mean.xyz_mm - out.xyz_mm, abs=1e-9)
+    assert (mean.between_mm == 0.0).all()
 
 
 def test_results_of_the_last_tick_do_not_linger() -> None:

@@ -131,7 +131,8 @@ def unbend(
     of the measured centres. blur_px (2, 2): the eyes', across sides along X and along Y. A side along X is an arch,
     found above its ends by the mean of its measured part, 1 - share^2 / 3 of the bow along X, and lies at the end of
     the bow along Y; a side along Y likewise. Moving each to the height of the centre moves the centre in both images,
-    and so the point, by one step of its triangulation.
+    and so the point, by one step of its triangulation. Then, and not before, the covariance has what lies between the
+    two ways to a point (see triangulate_cells).
     """
     nx, ny, share, g, a = bow.work[0], bow.work[1], bow.work[2], bow.work[3], bow.work[4:]
     for n in range(points.valid.shape[0]):
@@ -171,3 +172,9 @@ def unbend(
         C = points.covariance_mm2[n]
         for i in range(3):
             points.xyz_mm[n, i] += C[i, 0] * g[0] + C[i, 1] * g[1] + C[i, 2] * g[2]
+        between, trace = points.between_mm[n], 0.0
+        for i in range(3):
+            for j in range(3):
+                C[i, j] += between[i] * between[j]
+            trace += C[i, i]
+        points.sigma_mm[n] = math.sqrt(trace)

@@ -27,6 +27,7 @@ class Points(NamedTuple):
     sigma_mm: FloatArray  # (N,) root of the covariance's trace
     reprojection_px: FloatArray  # (N,) rms of the centre over both eyes
     epipolar_px: FloatArray  # (N,) distance of the right centre from the left one's epipolar line, signed
+    between_mm: FloatArray  # (N, 3) where an eye misses a side, from the centre to the corners' mean; else 0
     valid: BoolArray  # (N,)
 
 
@@ -39,6 +40,7 @@ def make_points(count: int) -> Points:
         np.full(count, nan),
         np.full(count, nan),
         np.full(count, nan),
+        np.full((count, 3), nan),
         np.zeros(count, dtype=np.bool_),
     )
 
@@ -140,11 +142,11 @@ def triangulate_cells(
     The mean of the corners has no perspective bias, however the cell is tilted; its covariance is that of the centre's
     pixels. Where a side is hidden the corners' depths are off by a tenth of a mm, each by another amount, and
     perspective moves their mean across it: there the centre's pixels are triangulated. They hang on the tilt that the
-    surface has there, which is no better known: what lies between the two is told as uncertain.
+    surface has there, which is no better known: `unbend` tells what lies between the two as uncertain.
     """
     for n in range(matched.shape[0]):
         out.valid[n] = False
-        out.xyz_mm[n] = np.nan
+        out.xyz_mm[n] = out.between_mm[n] = np.nan
         out.covariance_mm2[n] = np.nan
         out.sigma_mm[n] = out.reprojection_px[n] = out.epipolar_px[n] = np.nan
     retriangulate_cells(eyes, corners_px, centre_px, covariance_px2, matched, whole, out)
@@ -176,13 +178,12 @@ def retriangulate_cells(
             x, y, z = x + 0.25 * corner[0], y + 0.25 * corner[1], z + 0.25 * corner[2]
         information, _, squares = _linearise(P, pixel, weight, centre)
         out.reprojection_px[n] = math.sqrt(squares / 4.0)  # over the four coordinates
-        xx, xy, xz, yy, yz, zz = _inverse3(information)
-        if not (whole[0][n] and whole[1][n]):
-            dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
-            xx, xy, xz, yy, yz, zz = xx + dx * dx, xy + dx * dy, xz + dx * dz, yy + dy * dy, yz + dy * dz, zz + dz * dz
-            x, y, z = centre
-        out.xyz_mm[n, 0], out.xyz_mm[n, 1], out.xyz_mm[n, 2] = x, y, z
+        mean, place, between = (x, y, z), out.xyz_mm[n], out.between_mm[n]
+        both = whole[0][n] and whole[1][n]
+        for i in range(3):
+            place[i], between[i] = (mean[i], 0.0) if both else (centre[i], mean[i] - centre[i])
         C = out.covariance_mm2[n]
+        xx, xy, xz, yy, yz, zz = _inverse3(information)
         C[0, 0], C[1, 1], C[2, 2] = xx, yy, zz
         C[0, 1] = C[1, 0] = xy
         C[0, 2] = C[2, 0] = xz
