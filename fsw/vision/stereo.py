@@ -22,7 +22,7 @@ FARTHEST_MM = 1e5  # a wing is not so far away: rays that are all but parallel m
 class Points(NamedTuple):
     """All N cells in space, in the left camera's frame; taken once, written every tick."""
 
-    xyz_mm: FloatArray  # (N, 3) centre: mean of the four corners
+    xyz_mm: FloatArray  # (N, 3) centre, see triangulate_cells
     covariance_mm2: FloatArray  # (N, 3, 3)
     sigma_mm: FloatArray  # (N,) root of the covariance's trace
     reprojection_px: FloatArray  # (N,) rms of the centre over both eyes
