@@ -30,9 +30,9 @@ def seen(offset_px: float, within_px: float) -> np.ndarray[Any, Any]:
     )
     cell = np.array([[LOW, LOW], [HIGH, LOW], [HIGH, HIGH], [LOW, HIGH]])
     sightings = make_sightings(1)
-    ratio, bordering = np.full((1, 4), LINE / (HIGH - LOW)), np.zeros((1, 4), dtype=np.bool_)
+    ratio, neighbour = np.full((1, 4), LINE / (HIGH - LOW)), np.zeros((1, 4), dtype=np.int64)
     corners, in_view = np.tile(cell, (2, 1, 1, 1)), np.ones(1, dtype=np.bool_)
-    look(image, image, eyes_of(rig), corners, in_view, ratio, bordering, 1.0, 1, within_px, sightings)
+    look(image, image, eyes_of(rig), corners, in_view, ratio, neighbour, 1.0, 1, within_px, sightings)
     return sightings.offset_px[:, 0]
 
 

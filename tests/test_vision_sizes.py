@@ -37,10 +37,10 @@ def widened(
     # The surface is 0.1 px shorter than its kinks say.
     expected[:, 2:] -= 0.1 * upwards
     tilted = np.tile([0.1, 0.0], (COUNT, 1))
-    bordering = np.zeros((COUNT, 4), np.bool_)
+    neighbour = np.zeros((COUNT, 4), np.int64)
     if at_border is not None:
-        bordering[at_border, 2] = True
-    widen_odd_sizes(expected, tilted, bordering, np.zeros((COUNT + ROWS_BEHIND, WORK)), cells, odd)
+        neighbour[at_border, 2] = -1
+    widen_odd_sizes(expected, tilted, neighbour, np.zeros((COUNT + ROWS_BEHIND, WORK)), cells, odd)
     askew = np.broadcast_to(abs(np.asarray(tilt)) > ODD_PX, COUNT) if askew is None else askew
     assert (odd == (askew | (cells.covariance_px2[:, [0, 2]].max(axis=1) > variance))).all()
     assert (cells.found == (~askew & (abs(shift - np.median(shift)) < ODD_PX))).all()

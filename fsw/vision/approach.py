@@ -45,10 +45,10 @@ class Approach:
         self.in_view = np.zeros((2, count), dtype=np.bool_)
         self.wanted = np.zeros(count, dtype=np.bool_)
         self.surface, self.eyes, self._normal = surface, eyes, normal
-        self.line_ratio, self.bordering = line_ratios(grid), np.ascontiguousarray(grid.neighbour < 0)
+        self.line_ratio = line_ratios(grid)
         self.depth_mm = np.ones((2, count, 4))
         expected = self.expected_px, self.depth_mm, self.expected_centre_px, self.in_view, self.wanted
-        self.lines = Lines(*expected, self.deviation_px, self.line_ratio, self.bordering, make_sightings(count))
+        self.lines = Lines(*expected, self.deviation_px, self.line_ratio, grid.neighbour, make_sightings(count))
         self._sign = 1.0 if grid.dark else -1.0
         self._before = np.zeros(UNKNOWNS)  # the surface of the frame before this one's
         self._origin, self._trial, self._best = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray
-from fsw.vision.grid import CellGrid
+from fsw.vision.grid import CellGrid, IntArray
 from fsw.vision.prediction import BENDING, RIGID, UNKNOWNS, Surface, locate
 from fsw.vision.rig import Eyes, norm, project
 from fsw.vision.search import SEARCH, SIDES_SEARCHED, Sightings
@@ -74,7 +74,7 @@ def carry(seen: Sightings, corners_px: FloatArray) -> float:
 
 
 @tick_kernel
-def confirmed(seen: Sightings, corners_px: FloatArray, in_view: BoolArray, bordering: BoolArray, step: int) -> float:
+def confirmed(seen: Sightings, corners_px: FloatArray, in_view: BoolArray, neighbour: IntArray, step: int) -> float:
     """Share of the lines asked for in both eyes, at every step-th cell, that lie where the surface expects them."""
     asked, near = 0, 0.0
     for n in range(0, in_view.shape[0], step):
@@ -84,7 +84,7 @@ def confirmed(seen: Sightings, corners_px: FloatArray, in_view: BoolArray, borde
             c = corners_px[eye, n]
             for i in range(2):
                 side = SIDES_SEARCHED[i]
-                if bordering[n, side]:
+                if neighbour[n, side] < 0:
                     continue
                 asked += 1
                 offset = seen.offset_px[eye, n, i]

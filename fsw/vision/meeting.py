@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fsw.vision.bridging import NEAR_PX, carry, confirmed
 from fsw.vision.edges import FloatArray, Image
 from fsw.vision.fitting import Normal, settle
+from fsw.vision.grid import IntArray
 from fsw.vision.prediction import Surface, expect
 from fsw.vision.rig import Eyes
 from fsw.vision.search import Sightings, look
@@ -29,7 +30,7 @@ class Lines(NamedTuple):
     wanted: BoolArray  # (N,) in view of both
     deviation_px: FloatArray  # (2, N, 4, 2) of the measured corners from the surface, last tick
     line_ratio: FloatArray  # (N, 4)
-    bordering: BoolArray  # (N, 4)
+    neighbour: IntArray  # (N, 4)
     seen: Sightings
 
 
@@ -60,7 +61,7 @@ def see_lines(
 
 @tick_kernel
 def _look(left: Image, right: Image, eyes: Eyes, lines: Lines, sign: float, step: int, within_px: float) -> None:
-    expected = lines.expected_px, lines.wanted, lines.line_ratio, lines.bordering
+    expected = lines.expected_px, lines.wanted, lines.line_ratio, lines.neighbour
     look(left, right, eyes, *expected, sign, step, within_px, lines.seen)
 
 
@@ -87,10 +88,10 @@ def try_place(
     settle(surface, eyes, lines.seen, unknowns, normal)
     expect_lines(surface, eyes, lines, step)
     moved_px = carry(lines.seen, lines.expected_px)
-    share = confirmed(lines.seen, lines.expected_px, lines.wanted, lines.bordering, step)
+    share = confirmed(lines.seen, lines.expected_px, lines.wanted, lines.neighbour, step)
     if share < enough:
         _look(left, right, eyes, lines, sign, step, NEAR_PX)
-        share = confirmed(lines.seen, lines.expected_px, lines.wanted, lines.bordering, step)
+        share = confirmed(lines.seen, lines.expected_px, lines.wanted, lines.neighbour, step)
     return share, moved_px
 
 

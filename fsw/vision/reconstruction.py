@@ -33,7 +33,7 @@ class Pair(NamedTuple):
     deviation_px: FloatArray  # (2, N, 4, 2)
     blur_px: FloatArray  # (2, 2)
     depth_mm: FloatArray  # (2, N, 4)
-    bordering: BoolArray  # (N, 4)
+    neighbour: NDArray[np.int64]  # (N, 4)
     column: NDArray[np.int64]  # (N,) from the root
     distance_mm: FloatArray  # (N,) of the points from the surface
     tilted_px: FloatArray  # (2, N, 2)
@@ -46,14 +46,14 @@ def make_pair(
     cells: tuple[Cells, Cells],
     pixels: tuple[FloatArray, FloatArray, FloatArray],
     expected: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    bordering: BoolArray,
+    neighbour: NDArray[np.int64],
     column: NDArray[np.int64],
 ) -> Pair:
     """Take the memory. pixels: corners, centres and covariances; expected: expected_px to depth_mm."""
     count = len(column)
     memory = np.full(count, np.nan), np.zeros((2, count, 2)), np.zeros(count, np.bool_)
     sizes, stand = np.zeros((2, count + ROWS_BEHIND, WORK)), np.zeros((int(column[-1]) + 1, 2))
-    return Pair(cells, *pixels, *expected, bordering, column, *memory, sizes, stand)
+    return Pair(cells, *pixels, *expected, neighbour, column, *memory, sizes, stand)
 
 
 @tick_kernel
@@ -109,7 +109,7 @@ def _find_odd(eyes: Eyes, surface: Surface, bow: Bow, pair: Pair, matched: BoolA
     pair.odd[:] = False
     for eye in range(2):
         expected, tilted = pair.expected_px[eye], pair.tilted_px[eye]
-        widen_odd_sizes(expected, tilted, pair.bordering, pair.sizes[eye], pair.cells[eye], pair.odd)
+        widen_odd_sizes(expected, tilted, pair.neighbour, pair.sizes[eye], pair.cells[eye], pair.odd)
     for n in range(len(matched)):
         pair.odd[n] = pair.odd[n] and matched[n]
     return count(pair.odd) > 0

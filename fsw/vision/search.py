@@ -153,7 +153,7 @@ def look(
     corners_px: FloatArray,
     in_view: BoolArray,
     line_ratio: FloatArray,
-    bordering: BoolArray,
+    neighbour: IntArray,
     sign: float,
     step: int,
     within_px: float,
@@ -161,7 +161,7 @@ def look(
 ) -> None:
     """Look for the lines on the +X and +Y side of every cell in view, in both eyes.
 
-    corners_px (2, N, 4, 2): expected ideal pixels. in_view (N,). line_ratio, bordering (N, 4): as for measure_cells.
+    corners_px (2, N, 4, 2): expected ideal pixels. in_view (N,). line_ratio, neighbour (N, 4): as for measure_cells.
     step: look at every so many cells. within_px: and no farther from where a line is expected.
     """
     seen.offset_px[:] = np.nan
@@ -173,7 +173,7 @@ def look(
             c = corners_px[eye, n]
             for i in range(2):
                 side = SIDES_SEARCHED[i]
-                if bordering[n, side]:
+                if neighbour[n, side] < 0:
                     continue
                 good, offset, nx, ny = find_line(
                     image, eyes, eye, c, side, line_ratio[n, side], sign, within_px, seen.profile

@@ -36,7 +36,7 @@ _HOLD = 1e-3  # cells that hold each factor but the mean at 0, where places do n
 def widen_odd_sizes(
     expected_px: FloatArray,
     tilted_px: FloatArray,
-    bordering: NDArray[np.bool_],
+    neighbour: NDArray[np.int64],
     work: FloatArray,
     out: Cells,
     odd: NDArray[np.bool_],
@@ -44,13 +44,13 @@ def widen_odd_sizes(
     """Widen the covariance of cells an extent of which is odd: one of its two sides is off by the difference.
 
     expected_px (N, 4, 2): corners by the surface fitted to this tick's points; tilted_px (N, 2): see tilt_extents.
-    bordering (N, 4): whether no cell lies across. work (N + ROWS_BEHIND, WORK): written. odd (N,): set where a
+    neighbour (N, 4): see measure_cells. work (N + ROWS_BEHIND, WORK): written. odd (N,): set where a
     covariance was widened. Which side is wrong is not known, so both may be: the centre is off by half of the
     difference for each.
     """
     cells = len(expected_px)
     for axis in range(2):
-        count = _compare(expected_px, tilted_px, bordering, axis, work, out)
+        count = _compare(expected_px, tilted_px, neighbour, axis, work, out)
         if count < 3:
             continue
         scatter, step = _even(work, cells, TERMS if count >= _LEAST else 1)
@@ -90,7 +90,7 @@ def _tilt(c: FloatArray, expected: FloatArray, k: int, nx: float, ny: float) -> 
 def _compare(
     expected_px: FloatArray,
     tilted_px: FloatArray,
-    bordering: NDArray[np.bool_],
+    neighbour: NDArray[np.int64],
     axis: int,
     work: FloatArray,
     out: Cells,
@@ -103,7 +103,7 @@ def _compare(
     u0, u1, v0, v1 = math.inf, -math.inf, math.inf, -math.inf
     for n in range(len(expected_px)):
         work[n, 0] = math.nan
-        work[n, 4 + STEP] = bordering[n, axis] != bordering[n, axis + 2]
+        work[n, 4 + STEP] = (neighbour[n, axis] < 0) != (neighbour[n, axis + 2] < 0)
         if not out.found[n]:
             continue
         _, nx, ny = side_normal(expected_px[n], axis)

@@ -55,8 +55,6 @@ class Tracker:
         self.expected_px, self.expected_centre_px = self._approach.expected_px, self._approach.expected_centre_px
         self.in_view, self.wanted = self._approach.in_view, self._approach.wanted
         self.deviation_px = self._approach.deviation_px
-        self.line_ratio, self.bordering = self._approach.line_ratio, self._approach.bordering
-        self._neighbour = np.ascontiguousarray(grid.neighbour)
         self.both = np.zeros(count, dtype=np.bool_)
         self.corners_px = np.full((2, count, 4, 2), np.nan)
         self.centre_px = np.full((2, count, 2), np.nan)
@@ -71,7 +69,7 @@ class Tracker:
         self._correction = np.zeros((2, COMMON))
         self._views = self._view(0), self._view(1)
         expected = self.expected_px, self.deviation_px, self.blur_px, self._approach.depth_mm
-        self._pair = make_pair(self.cells, pixels, expected, self.bordering, grid.column)
+        self._pair = make_pair(self.cells, pixels, expected, grid.neighbour, grid.column)
         self._slip = Slip(grid, self.surface)
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
@@ -116,7 +114,7 @@ class Tracker:
     def _view(self, eye: int) -> View:
         """One eye's share of the arrays."""
         expected = self.expected_px[eye], self.deviation_px[eye], self._approach.depth_mm[eye]
-        lines = self.line_ratio, self._neighbour
+        lines = self._approach.line_ratio, self.grid.neighbour
         learnt = self.width_scale[eye], self.cell_size[eye], self.blur_px[eye], self.noise[eye], self._correction[eye]
         return View(*expected, *lines, *learnt, self.cells[eye], *make_memory())
 
