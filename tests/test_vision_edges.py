@@ -27,6 +27,7 @@ from fsw.vision.edges import (
 )
 from fsw.vision.profile import EdgeFit, fit_profile
 from fsw.vision.quads import measure_cells
+from fsw.vision.rig import Eyes, StereoRig, eyes_of
 from fsw.vision.sides import Lens
 from fsw.vision.standing_in import forget_size
 from hal.frame import as_frame
@@ -41,6 +42,12 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 def seen_step(x: FloatArray, blur_px: float) -> FloatArray:
     """A unit step at 0 blurred by the lens, averaged over a pixel at x: by numerical integration."""
     return np.sum(ndtr((x[..., None] + 0.5 * NODES) / blur_px) * 0.5 * WEIGHTS, axis=-1)
+
+
+def eyes(shape: tuple[int, ...]) -> Eyes:
+    """Two eyes without distortion, of images of this shape (height, width); what they see in space does not matter."""
+    size, intrinsics = np.tile(shape[::-1], (2, 1)), np.tile([1000.0, 1000.0, 100.0, 80.0], (2, 1))
+    return eyes_of(StereoRig(size, intrinsics, np.zeros((2, 5)), np.stack([np.eye(3)] * 2), np.zeros((2, 3))))
 
 
 def told_size() -> FloatArray:
@@ -286,12 +293,13 @@ class Sheet:
     ) -> Cells:
         cells, scratch = make_cells(9), make_scratch()
         whole = float(np.sqrt(self.blur_px**2 + PIXEL_VARIANCE))
-        lens = Lens(np.array([1000.0, 1000.0, 100.0, 80.0]), np.zeros(5), whole, table_of(self.blur_px), noise)
+        seen = eyes(image.shape)
+        lens = Lens(seen.intrinsics[0], seen.distortion[0], whole, table_of(self.blur_px), noise)
         ratio = np.array([(p - c) / c for p, c in zip(self.pitch_mm, self.cell_mm, strict=True)])
         beside = [((i, j - 1), (i + 1, j), (i, j + 1), (i - 1, j)) for i in range(3) for j in range(3)]
         neighbour = np.array([[3 * i + j if {i, j} <= {0, 1, 2} else -1 for i, j in four] for four in beside])
         measure_cells(
-            as_frame(image), (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)), self.depths(),
+            as_frame(image), seen, 0, (lens, lens), np.ascontiguousarray(expected), np.zeros((9, 4, 2)), self.depths(),
             np.broadcast_to(wanted, 9).copy(), np.arange(9), np.tile(ratio[[1, 0, 1, 0]], (9, 1)), neighbour,
             np.ones(2), told_size(), dark, 1, scratch, cells,
         )  # fmt: skip

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from vision_scene import FloatArray
+from vision_scene import FloatArray, paper_rig
 
 from fsw.vision.corners import make_cells
 from fsw.vision.edges import SIZE_SUMS
 from fsw.vision.perspective import extent_across
+from fsw.vision.rig import eyes_of
 from fsw.vision.standing_in import (
     LEAST_CELLS,
     LEAST_SIGMA,
@@ -16,6 +17,7 @@ from fsw.vision.standing_in import (
     add_size,
     drop_unseen,
     forget_size,
+    is_inside,
     learn_size,
     stand_in,
 )
@@ -85,6 +87,16 @@ def test_a_side_that_something_covers_is_believed_as_little_as_what_is_told() ->
     assert stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4, 0.0)[1] == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2)
     askew = stand_in(size, 0, False, 80.0, 80.0, 0.0, 1e-4, 0.5)[1]
     assert askew == pytest.approx(3e-4 + (2e-4 * 80.0) ** 2 + (0.5 * SLOPE * 80.0) ** 2)
+
+
+def test_a_side_that_the_distortion_alone_would_fold_back_into_the_image_is_not_in_it() -> None:
+    rig = paper_rig(1024, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    cell = rig.intrinsics[0, 2:] + np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 40.0], [0.0, 40.0]])
+    for u, inside in ((0.0, True), (2000.0, False)):
+        c = cell + np.array([u, 0.0])
+        image_px = rig.distort(0, c)
+        assert ((image_px >= 0.0) & (image_px <= rig.size[0] - 1.0)).all()
+        assert is_inside(eyes_of(rig), 0, c, 2) is inside
 
 
 def test_a_cell_that_neither_eye_sees_from_side_to_side_is_measured_by_nobody() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.edges import FloatArray, solve
-from fsw.vision.prediction import UNKNOWNS, Surface, derive, locate
+from fsw.vision.prediction import UNKNOWNS, Surface, derive, distance_from, locate
 from fsw.vision.rig import Eyes, project
 from fsw.vision.search import SIDES_SEARCHED, Sightings
 from fsw.vision.stereo import Points
@@ -212,8 +212,7 @@ def _distances(
     for n in range(xyz_mm.shape[0]):
         distance_mm[n] = np.nan
         if valid[n]:
-            x, y, z = locate(surface, n, 4)
-            distance_mm[n] = math.sqrt((xyz_mm[n, 0] - x) ** 2 + (xyz_mm[n, 1] - y) ** 2 + (xyz_mm[n, 2] - z) ** 2)
+            distance_mm[n] = distance_from(surface, n, xyz_mm[n])
             work[count] = distance_mm[n]
             count += 1
     return _of_rank(work, count, count // 2) if count > 0 else math.inf
@@ -245,6 +244,4 @@ def measure_distance(surface: Surface, points: Points, chosen: NDArray[np.bool_]
     """Write the distance (N,) from the surface of the chosen points (N,)."""
     for n in range(chosen.shape[0]):
         if chosen[n]:
-            x, y, z = locate(surface, n, 4)
-            dx, dy, dz = points.xyz_mm[n, 0] - x, points.xyz_mm[n, 1] - y, points.xyz_mm[n, 2] - z
-            distance_mm[n] = math.sqrt(dx * dx + dy * dy + dz * dz)
+            distance_mm[n] = distance_from(surface, n, points.xyz_mm[n])

@@ -4,6 +4,7 @@ The wing is its flat grid at a reference pose, moved in its plane as a rigid bod
 low-order polynomial. A few numbers hold all of it, so both eyes and all cells move together: none can slip alone.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -107,6 +108,13 @@ def locate(surface: Surface, n: int, k: int) -> tuple[float, float, float]:
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1],
         R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2],
     )
+
+
+@tick_kernel
+def distance_from(surface: Surface, n: int, xyz_mm: FloatArray) -> float:
+    """Distance of a point (3,) from the centre of cell n, in mm."""
+    x, y, z = locate(surface, n, 4)
+    return math.sqrt((xyz_mm[0] - x) ** 2 + (xyz_mm[1] - y) ** 2 + (xyz_mm[2] - z) ** 2)
 
 
 @tick_kernel

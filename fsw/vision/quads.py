@@ -35,7 +35,7 @@ from fsw.vision.perspective import (
     sample_lean,
     side_normal,
 )
-from fsw.vision.rig import distort_point
+from fsw.vision.rig import Eyes, distort_point
 from fsw.vision.sides import Lens, fit_segments, straight_side
 from fsw.vision.standing_in import add_size, is_inside, learn_size, stand_in
 from fsw.vision.templates import fill_templates
@@ -56,6 +56,8 @@ MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is k
 @tick_kernel
 def measure_cells(
     image: Image,
+    eyes: Eyes,
+    eye: int,
     lenses: tuple[Lens, Lens],
     expected_px: FloatArray,
     deviation_px: FloatArray,
@@ -89,7 +91,6 @@ def measure_cells(
         room = plateau - FAR_SIGMAS * lenses[row].blur_px - MATCHED_PX
         fill_templates(lenses[row].step, lenses[row].blur_px, gain, room, row, scratch.templates)
     scratch.sizes[:] = 0.0
-    intrinsics, distortion = lenses[0].intrinsics, lenses[0].distortion
     nx, ny, lengths, extents, middle, slope, variance = scratch.quad[:7]
     by_blur, by_width, weight, cross, bright, by_light, flat, agreed, seen = scratch.quad[7:]
     for place in range(len(order)):
@@ -104,7 +105,7 @@ def measure_cells(
         c, depth, following = expected_px[n], depth_mm[n], expected_px[next_wanted(order, wanted, place)]
         for k in range(6):
             x, y = (c[k, 0], c[k, 1]) if k < 4 else (following[k - 4, 0], following[k - 4, 1])
-            seen[k, 0], seen[k, 1], _, _, _, _ = distort_point(x, y, intrinsics, distortion)
+            seen[k, 0], seen[k, 1], _, _, _, _ = distort_point(x, y, eyes.intrinsics[eye], eyes.distortion[eye])
         for k in range(4):
             flat[k, 0], flat[k, 1] = c[k, 0] - deviation_px[n, k, 0], c[k, 1] - deviation_px[n, k, 1]
         hidden, which, firm, squares, contrast = 0, -1, True, 0.0, 0.0
@@ -193,7 +194,7 @@ def measure_cells(
             squares, contrast, firm = squares + r * r, contrast + bright[k], firm and sure
         if hidden > 0:
             _copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
-        covered = hidden > 0 and is_inside(image, lenses[0], c, which)
+        covered = hidden > 0 and is_inside(eyes, eye, c, which)
         if hidden > 1 or (covered and not firm):
             continue  # a bar's edge is as straight as half a side, and no side across contradicts it
         for k in range(2):
@@ -214,7 +215,7 @@ def measure_cells(
             k, k1, k2 = which, (which + 1) % 4, (which + 2) % 4
             expected = extent_across(flat, k, nx[k], ny[k])
             away = 2.0 * (depth[k] + depth[k1] - depth[k2] - depth[(k + 3) % 4]) / depth.sum()
-            tilt, across = away * intrinsics[0] / expected, (middle[k2], variance[k2])
+            tilt, across = away * eyes.intrinsics[eye, 0] / expected, (middle[k2], variance[k2])
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]

@@ -8,9 +8,8 @@ eyes miss a side along the same axis is measured by nobody.
 """
 
 from fsw.vision.corners import Cells
-from fsw.vision.edges import FloatArray, Image
-from fsw.vision.rig import distort_point
-from fsw.vision.sides import Lens
+from fsw.vision.edges import FloatArray
+from fsw.vision.rig import Eyes, image_point
 from wingbeat.kernels import tick_kernel
 
 SHAPE_SIGMA = 1e-3  # a cell's expected size is right to this share, as told, and beside what covers a side
@@ -53,13 +52,12 @@ def learn_size(size: FloatArray, sums: FloatArray) -> None:
 
 
 @tick_kernel
-def is_inside(image: Image, lens: Lens, c: FloatArray, k: int) -> bool:
-    """Whether both ends of side k of a cell of corners c (4, 2), ideal pixels, lie in the image."""
-    inside = True
-    for end in (k, (k + 1) % 4):
-        x, y, _, _, _, _ = distort_point(c[end, 0], c[end, 1], lens.intrinsics, lens.distortion)
-        inside = inside and 0.0 <= x <= image.shape[1] - 1.0 and 0.0 <= y <= image.shape[0] - 1.0
-    return inside
+def is_inside(eyes: Eyes, eye: int, c: FloatArray, k: int) -> bool:
+    """Whether both ends of side k of a cell of corners c (4, 2), ideal pixels, lie in this eye's image."""
+    k1 = (k + 1) % 4
+    start, _, _ = image_point(eyes, eye, c[k, 0], c[k, 1])
+    end, _, _ = image_point(eyes, eye, c[k1, 0], c[k1, 1])
+    return start and end
 
 
 @tick_kernel

@@ -62,6 +62,8 @@ def measure_view(
     along_y = lens_of(eyes, eye, view.blur_px[1], view.steps[1], view.noise)
     measure_cells(
         image,
+        eyes,
+        eye,
         (along_x, along_y),
         view.expected_px,
         view.deviation_px,
