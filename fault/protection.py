@@ -105,9 +105,7 @@ class Protection:
         self._count(board)
         return self._events
 
-    def step(
-        self, board: Board, tick: int, causes: Cause, new_frame: bool, new_estimate: bool
-    ) -> Sequence[Raised]:  # fmt: skip
+    def step(self, board: Board, tick: int, causes: Cause, new_frame: bool, new_estimate: bool) -> Sequence[Raised]:
         """Decide this tick; gives the events to raise, which stand until the next step.
 
         causes: what the tasks and the commands found. new_frame: this tick's pair was measured, so that the quality
@@ -154,9 +152,7 @@ class Protection:
         before, self._shadow = self._shadow, Bank(shadow)
         self._shadow.take_over(before)
 
-    def _watch(
-        self, board: Board, fresh: dict[str, bool], limits: Sequence[Watch], shadow: Sequence[Watch]
-    ) -> None:  # fmt: skip
+    def _watch(self, board: Board, fresh: dict[str, bool], limits: Sequence[Watch], shadow: Sequence[Watch]) -> None:
         for change in self._judged(board.cells, fresh, limits):
             self._tell(LEVEL_EVENTS[change.after], change)
         for change in self._judged(board.cells, fresh, shadow):

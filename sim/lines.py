@@ -40,9 +40,7 @@ class ControllerBus:
     uplink: frames that wait for the flight side.
     """
 
-    def __init__(
-        self, now: Callable[[], int] = lambda: 0, keep: bool = False, most: int | None = None
-    ) -> None:  # fmt: skip
+    def __init__(self, now: Callable[[], int] = lambda: 0, keep: bool = False, most: int | None = None) -> None:
         self._now, self._keep = now, keep
         self.off = False
         self.frames: list[tuple[int, bytes]] = []

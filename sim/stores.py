@@ -29,9 +29,7 @@ class EventStore:
     alarms: critical events so far.
     """
 
-    def __init__(
-        self, now: Callable[[], int] = lambda: 0, keep: bool = False, most: int | None = None
-    ) -> None:  # fmt: skip
+    def __init__(self, now: Callable[[], int] = lambda: 0, keep: bool = False, most: int | None = None) -> None:
         self._now, self._keep = now, keep
         self.full, self.alarms = False, 0
         self.told: deque[Told] = deque(maxlen=most)

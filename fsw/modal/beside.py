@@ -63,7 +63,7 @@ class Beside:
 @kernel
 def _power(
     left_of_all: FloatArray, left_of_own: FloatArray, along: FloatArray, seen: FloatArray, samples: int
-) -> float:  # fmt: skip
+) -> float:
     count, width = len(left_of_all), len(along)
     energy, all_left, own, clear = 0.0, 0.0, 0.0, 0
     for i in range(count):
@@ -99,7 +99,7 @@ def beside(time_s: FloatArray, fit: Fit, mode: int) -> Beside:
 @kernel
 def _met_beside(
     time_s: FloatArray, frequency_hz: float, first: int, columns: FloatArray
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray]:
     """Cosines and sines (2 n, T) beside a frequency, from the first to the last step of 1 / T, and what they meet of
     columns (T, c).
     """
@@ -117,7 +117,7 @@ def _met_beside(
 @kernel
 def _left_beside(
     met: FloatArray, samples: int, tangents: int, spanned: int, own: int, gram: FloatArray
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray]:
     """Of the energy of waves: what is left outside of a fit's span, and outside of a mode's own tangent as well.
 
     met (2 n, tangents + spanned + p): products with the tangents, the mode's own two from the column own on, and with

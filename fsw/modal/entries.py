@@ -17,9 +17,7 @@ _ARRIVED = 1e-3
 _BEYOND_NOISE = 2.0
 
 
-def tell(
-    rows: Places, columns: Places, V: FloatArray, energy: float, signals: FloatArray, told: FloatArray
-) -> None:  # fmt: skip
+def tell(rows: Places, columns: Places, V: FloatArray, energy: float, signals: FloatArray, told: FloatArray) -> None:
     """Fill the gaps of a matrix Y (M, N) of even noise by what each row's samples make of its signals.
 
     rows, columns (G,): places of the gaps, row by row; V (N, r) orthonormal; energy: sum of squares of Y as it was

@@ -96,7 +96,7 @@ def filled(stamps: FloatArray, y: Channels) -> Filled:
 @kernel
 def _count(
     y: Channels, of_tick: NDArray[np.int64], of_channel: NDArray[np.int64], least: Channels, most: Channels
-) -> None:  # fmt: skip
+) -> None:
     for t in range(y.shape[0]):
         samples = 0
         for c in range(y.shape[1]):
@@ -141,9 +141,7 @@ def _shift(y: Channels, off: FloatArray, total: FloatArray, energy: FloatArray) 
 
 
 @kernel
-def _put(
-    y: Channels, gaps: NDArray[np.int32], told: FloatArray, total: FloatArray, energy: FloatArray
-) -> None:  # fmt: skip
+def _put(y: Channels, gaps: NDArray[np.int32], told: FloatArray, total: FloatArray, energy: FloatArray) -> None:
     """Put what is told (G,) in the gaps of y, and what that changes in each channel's sum and sum of squares."""
     width = y.shape[1]
     for i in range(len(gaps)):

@@ -46,9 +46,7 @@ def envelope(
 
 
 @kernel
-def woodbury(
-    parts: FloatArray, noise: FloatArray, others: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+def woodbury(parts: FloatArray, noise: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What inverts diag(d + noise) - a a^T + b b^T, for parts d, a, b (3, K) and several noises (n,).
 
     Returns weights 1 / (d + noise) (n, K), the logarithm (n,) of the covariance's determinant, and products (n, 3 + o)

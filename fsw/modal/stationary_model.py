@@ -131,9 +131,7 @@ def likelihood(band: Band, modes: Modes, least: float) -> tuple[float, FloatArra
 
 
 @kernel
-def _slopes(
-    band: Band, modes: Modes
-) -> tuple[FloatArray, FloatArray, NDArray[np.int64], FloatArray, FloatArray]:  # fmt: skip
+def _slopes(band: Band, modes: Modes) -> tuple[FloatArray, FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
     """The slopes of a band's covariance by its unknowns: of small matrices at each frequency, and of the ends.
 
     D (n, q, q, K): slopes of the small matrices; V (R, q, K): columns, the ends first; pair (2 n, 2), c (2 n,): two

@@ -113,7 +113,7 @@ def in_stretches(time_s: FloatArray, signals: FloatArray, omega: float) -> tuple
 @kernel
 def _sums(
     time_s: FloatArray, signals: FloatArray, omega: float, length_s: float
-) -> tuple[ComplexArray, NDArray[np.int64]]:  # fmt: skip
+) -> tuple[ComplexArray, NDArray[np.int64]]:
     """Sums (k, p) of signals (T, p) turned back, over each stretch that has samples, and how many these are."""
     sums, samples = np.zeros((len(time_s), signals.shape[1]), np.complex128), np.zeros(len(time_s), np.int64)
     place, last = -1, -1.0

@@ -69,9 +69,13 @@ class Pair:
 
 
 def agreeing(
-    eyes: Sequence[EyeCells], names: Sequence[Sequence[Assignment]], rig: StereoRig, grid: CellGrid, prior: Prior,
+    eyes: Sequence[EyeCells],
+    names: Sequence[Sequence[Assignment]],
+    rig: StereoRig,
+    grid: CellGrid,
+    prior: Prior,
     options: AcquireOptions,
-) -> tuple[list[Pair], int]:  # fmt: skip
+) -> tuple[list[Pair], int]:
     """Assignments of both eyes that agree in space, best first; also those outside the prior's tolerance.
 
     Those whose contradictions alone cost too much to be the best, or a rival of it, are not looked at: also returns

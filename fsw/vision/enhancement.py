@@ -86,9 +86,15 @@ def visible_region(
 
 
 def metric_view(
-    image: Image, rig: StereoRig, eye: int, R: FloatArray, t_mm: FloatArray, box_mm: FloatArray, mm_per_px: float,
+    image: Image,
+    rig: StereoRig,
+    eye: int,
+    R: FloatArray,
+    t_mm: FloatArray,
+    box_mm: FloatArray,
+    mm_per_px: float,
     shrink: int = 1,
-) -> MetricView:  # fmt: skip
+) -> MetricView:
     """Resample an image of this eye (lens distortion included) onto the wing's plane; box_mm (2, 2): corners.
 
     shrink: greatest factor by which the image may be averaged down first, where the view is coarser than the image.
