@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -15,8 +16,6 @@ from sim.scenario import SHIPPED, load_scenario
 from sim.truth import write_truth
 from sim.world import World, true_eyes, true_pose
 from wingbeat.errors import InputError
-
-cv2 = pytest.importorskip("cv2")
 
 GIVEN_TRUTH = Path(__file__).parents[2] / "shared" / "data" / "wing_close" / "truth.npz"
 
