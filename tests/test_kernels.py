@@ -7,13 +7,14 @@ import subprocess
 import sys
 from dataclasses import asdict
 from fcntl import LOCK_EX, flock
+from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
 import numpy as np
 import pytest
 from conftest import wingbeat, wingbeat_here
-from numba.core.caching import IndexDataCacheFile
+from numba import config
 from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
@@ -77,16 +78,25 @@ def test_a_cache_that_cannot_be_written_moves_to_the_temporary_folder(
     assert kernels._folder().is_relative_to(tmp_path / "temporary")
 
 
-def test_a_kernel_is_kept_when_no_other_process_keeps_one(tmp_path: Path) -> None:
-    cache = IndexDataCacheFile(str(tmp_path), "kernel", "source")
-    saving = Thread(target=cache.save, args=("signature", b"code"))
+def test_a_kernel_is_kept_when_no_other_process_keeps_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "doubled.py").write_text(
+        "from wingbeat.kernels import kernel\n\n@kernel\ndef double(a):\n    return 2.0 * a\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "kept"))
+    double = import_module("doubled").double
+    said: list[float] = []
+    calling = Thread(target=lambda: said.append(double(4.0)))
     with (kernels.FOLDER / "lock").open("w") as lock:
         flock(lock, LOCK_EX)
-        saving.start()
-        saving.join(0.2)
-        assert saving.is_alive() and list(tmp_path.iterdir()) == []
-    saving.join()
-    assert cache.load("signature") == b"code"
+        calling.start()
+        while calling.is_alive() and not double.signatures:  # told once it is compiled, just before it is kept
+            calling.join(0.02)
+        calling.join(0.5)
+        kept = [path for path in (tmp_path / "kept").rglob("*") if path.is_file()]
+        assert calling.is_alive() and kept == []
+    calling.join()
+    assert said == [8.0] and list((tmp_path / "kept").rglob("*.nbi")) and list((tmp_path / "kept").rglob("*.nbc"))
 
 
 def test_a_kernel_divides_by_zero_as_numpy_does() -> None:
