@@ -202,7 +202,7 @@ def match_segments(
                 off = away * away / (2.0 * lens_px) + wider
                 blur_num += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
                 blur_den += sums[piece, BLUR_DEN] / each
-            by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step)))
+            by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step))) - whole2
             contrast += step
             clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
             sums[piece, CUT] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0

@@ -198,11 +198,9 @@ def fit_profile(
                 fresh[row, k] *= used / (used - n)
     # The offset is the last unknown, so its variance is the inverse square of the factor's last pivot.
     stiff = A[last, last]
-    by_blur, by_width, by_light = (
-        -coupled[BLUR, last] / stiff,
-        -coupled[WIDTH, last] / stiff,
-        coupled[LIGHT, last] / stiff,
-    )
+    by_blur, by_width = -coupled[BLUR, last] / stiff, -coupled[WIDTH, last] / stiff
+    # Light falls on the wing before the lens blurs it: a Gaussian blur of x S(x) is x S + blur2 S', a shift the less.
+    by_light = coupled[LIGHT, last] / stiff - blur_px * blur_px
     residual = math.sqrt(plain / (used - n))
     misfit = max(scale - MISFIT, 0.0) * (used - n)
     variances = scale / stiff**2, 1.0 / stiff**2, misfit / stiff**2

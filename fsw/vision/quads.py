@@ -47,6 +47,7 @@ RECENTRE_PX = 0.35  # a side found farther off than this is measured again round
 RECENTRES = 5
 MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear model holds as far
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
+STEP_SIGMAS = 2.5  # of a step beside a border, at least
 WORST_PX = 0.3  # a side less sure than this is as good as hidden
 EVEN_LIGHT = 0.1  # part of the light by which it may change across a cell: more is a shadow's edge, or a glint
 UNEVEN = 0.5  # of what light that grows across a cell shifts sides by: it may grow unevenly
@@ -133,7 +134,9 @@ def measure_cells(
             reach = WINDOW_SIGMAS * lens.blur_px + WINDOW_PX
             inner = min(reach, OWN_SHARE * extent)
             if beside < 0:
-                outer, bar = min(reach, max(width, 2.5 * lens.blur_px)), (0.0, 0.0)
+                # What lies beyond, a hinge for one, must not bleed in; but the step must show.
+                clear = max(width - FAR_SIGMAS * lens.blur_px, STEP_SIGMAS * lens.blur_px)
+                outer, bar = min(reach, clear), (0.0, 0.0)
             elif width > reach + 3.0 * lens.blur_px:
                 outer, bar = reach, (0.0, 0.0)  # a wide line is a plateau: its far side tells nothing
             else:
