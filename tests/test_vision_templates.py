@@ -7,7 +7,7 @@ import pytest
 from test_vision_edges import LEVEL as STRAIGHT
 from test_vision_edges import MIRRORED, TILTED, UPSIDE_DOWN, Sheet, table_of
 
-from fsw.vision.blur import STEP_ROWS
+from fsw.vision.blur import STEP_PER_PX, STEP_REACH_PX, STEP_ROWS
 from fsw.vision.templates import (
     BLURRING,
     LEAST_HALF,
@@ -77,7 +77,7 @@ def filled(blur_px: float, gain: float = 1.0, room_px: float = 0.0, ratio: float
 @pytest.mark.parametrize("blur_px", [0.4, 0.6, 1.0])
 def test_templates_are_the_weighted_least_squares_of_the_linear_model(blur_px: float, ratio: float) -> None:
     templates, table = filled(blur_px, ratio=ratio), table_of(blur_px)
-    taps, grid = int(templates.taps[0]), np.arange(STEP_ROWS) / 64.0 - 8.0
+    taps, grid = int(templates.taps[0]), np.arange(STEP_ROWS) / STEP_PER_PX - STEP_REACH_PX
     for phase in (0, 13, PHASES - 1):
         x = np.arange(taps) - (taps // 2 - 1) - (phase + 0.5) / PHASES
         value, slope = (np.interp(x, grid, table[:, i]) for i in (0, 1))
@@ -94,7 +94,7 @@ def test_templates_are_the_weighted_least_squares_of_the_linear_model(blur_px: f
 @pytest.mark.parametrize("ratio", [1.0, 6.0])
 def test_shifts_to_either_side_are_calibrated(ratio: float) -> None:
     blur_px = 0.6
-    templates, table, grid = filled(blur_px, ratio=ratio), table_of(blur_px), np.arange(STEP_ROWS) / 64.0 - 8.0
+    templates, table, grid = filled(blur_px, ratio=ratio), table_of(blur_px), np.arange(STEP_ROWS) / STEP_PER_PX - STEP_REACH_PX
     taps, square, cube = int(templates.taps[0]), *templates.bent[0]
     for shift in (-0.25, -0.1, 0.03, 0.2):
         found = []
@@ -107,7 +107,7 @@ def test_shifts_to_either_side_are_calibrated(ratio: float) -> None:
 
 
 def test_an_edge_more_blurred_seems_shifted_as_told() -> None:
-    templates, grid = filled(0.6, ratio=6.0), np.arange(STEP_ROWS) / 64.0 - 8.0
+    templates, grid = filled(0.6, ratio=6.0), np.arange(STEP_ROWS) / STEP_PER_PX - STEP_REACH_PX
     taps, table, found = int(templates.taps[0]), table_of(0.61), []
     for phase in range(PHASES):
         x = np.arange(taps) - (taps // 2 - 1) - (phase + 0.5) / PHASES

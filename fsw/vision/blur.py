@@ -9,8 +9,9 @@ from wingbeat.kernels import tick_kernel
 
 FloatArray = NDArray[np.float64]
 
-# The blurred step is tabulated over +-8 px at steps of 1/64 px: straight interpolation is then right to 2e-5.
-STEP_REACH_PX = 8.0
+# The blurred step is tabulated over +-16 px, four deviations of the widest blur, at steps of 1/64 px: straight
+# interpolation is then right to 2e-5.
+STEP_REACH_PX = 16.0
 STEP_PER_PX = 64
 STEP_ROWS = int(2 * STEP_REACH_PX * STEP_PER_PX) + 1
 FAR_SIGMAS = 8.3  # of a Gaussian, beyond which no more than rounding is left
@@ -25,7 +26,8 @@ def tabulate_step(blur_px: float, out: FloatArray) -> None:
     """
     out[:] = 0.0
     half, middle = STEP_PER_PX // 2, STEP_ROWS // 2
-    for j in range(middle + half + 1):  # each value of the Gaussian serves both sides of the step
+    far = min(int(FAR_SIGMAS * blur_px * STEP_PER_PX) + 1, middle)
+    for j in range(far + 2 * half):  # each value of the Gaussian serves both sides of the step
         z, beyond, pdf = j / STEP_PER_PX / blur_px, 0.0, 0.0
         if z < FAR_SIGMAS:
             beyond = 0.5 * math.erfc(z / math.sqrt(2.0))
@@ -33,6 +35,8 @@ def tabulate_step(blur_px: float, out: FloatArray) -> None:
         _add_end(middle + j, z, 1.0 - beyond, pdf, blur_px, half, out)
         if j > 0:
             _add_end(middle - j, -z, beyond, pdf, blur_px, half, out)
+    for i in range(middle + far + half, STEP_ROWS):  # no blur reaches there
+        out[i, 0], out[i, 1], out[i, 2] = 1.0, 0.0, 0.0
 
 
 @tick_kernel
