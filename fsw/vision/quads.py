@@ -37,7 +37,7 @@ from fsw.vision.perspective import (
 )
 from fsw.vision.rig import Eyes, distort_point
 from fsw.vision.sides import Lens, fit_segments, straight_side
-from fsw.vision.standing_in import add_size, is_inside, learn_size, stand_in
+from fsw.vision.standing_in import add_size, is_inside, stand_in
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import tick_kernel
 
@@ -83,7 +83,7 @@ def measure_cells(
     border: the panel's usual line). neighbour (N, 4): the cell across each side, or -1. width_scale (2,): correction of
     the widths along X and Y. stride: take every so many columns of a side. Results go to `out`. One hidden side (out of
     view, or under a glint) is put where its opposite and the cell's size say, with a wider variance; with two, the cell
-    is not found. size (2, 2): of the cells, see `standing_in`; brought up to date.
+    is not found. size (2, 2): of the cells, see `standing_in`; what they tell of it is left in scratch.
     """
     sign = 1.0 if dark else -1.0
     scratch.pooled[:] = 0.0
@@ -230,7 +230,6 @@ def measure_cells(
             add_pull(out.pull[n, EACH * (k % 2) + WIDTH], gx * by_width[k], gy * by_width[k])
         out.residual_px[n], out.contrast[n] = math.sqrt(squares / (4 - hidden)), contrast / (4 - hidden)
         out.found[n], out.whole[n] = True, hidden == 0
-    learn_size(size, scratch.sizes)
 
 
 @tick_kernel

@@ -12,6 +12,7 @@ from wingbeat.kernels import tick_kernel
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
 LEAST_NOISE = 1.0 / 12.0  # grey values squared
+AGAIN = 0.01  # a correction larger than this, in px of blur or relative width, is taken over and all measured again
 LINEAR = 0.05  # of a blur that is wrong: what it pulls centres by beyond what the models, linear in it, know
 
 
@@ -61,6 +62,15 @@ def adapt(step: FloatArray, share: float, blur_px: FloatArray, width_scale: Floa
         blur, width = share * step[EACH * row + BLUR], share * step[EACH * row + WIDTH]
         blur_px[row] = min(max(blur_px[row] + blur, BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
         width_scale[row] = min(max(width_scale[row] + width, WIDTH_RANGE[0]), WIDTH_RANGE[1])
+
+
+@tick_kernel
+def is_far(step: FloatArray) -> bool:
+    """Whether a step (COMMON,) is too large for what edges were measured with before it."""
+    largest = 0.0
+    for i in range(COMMON):
+        largest = max(largest, abs(step[i]))
+    return largest > AGAIN
 
 
 @tick_kernel

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.approach import Approach
 from fsw.vision.bow import make_bow
+from fsw.vision.bridging import step_of
 from fsw.vision.corners import view_cells
 from fsw.vision.edges import COMMON, FloatArray, Image
 from fsw.vision.fitting import make_normal
@@ -22,6 +23,7 @@ from fsw.vision.stereo import Points, make_points
 from fsw.vision.view import View, make_memory, measure_view
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
+SETTLING_CELLS = 100  # that a blur which has jumped is settled with, about: part of the wing is out of view
 START_PASSES = 8  # measurements that a start takes, at most, until they are settled: corrections taken over whole,
 SETTLED = 2e-3  # the last one's smaller than this, in px of blur and relative width
 
@@ -74,6 +76,7 @@ class Tracker:
         self._widest_mm = options.widest * min(min(panel.pitch_mm) for panel in grid.panels)
         self._adaptation = ADAPTATION
         self._order = np.lexsort((grid.column, grid.cell[:, 2]))  # row by row
+        self._few = np.ascontiguousarray(self._order[self._order % step_of(grid, SETTLING_CELLS) == 0])
 
     def place(self, rotation: FloatArray, translation_mm: FloatArray) -> None:
         """Expect the wing, flat and at rest, in this pose."""
@@ -197,5 +200,6 @@ class Tracker:
         self._approach.close()
 
     def _measure(self, eye: int, image: Image) -> None:
-        dark, stride = self.grid.dark, self.options.stride
-        measure_view(image, self.eyes, eye, self._views[eye], self.wanted, self._order, dark, stride, self._adaptation)
+        cells = self.wanted, self._order, self._few
+        fit = self.grid.dark, self.options.stride, self._adaptation
+        measure_view(image, self.eyes, eye, self._views[eye], *cells, *fit)

@@ -14,9 +14,13 @@ from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray, Image, Scratch, make_scratch
 from fsw.vision.quads import measure_cells
 from fsw.vision.rig import Eyes
-from fsw.vision.settling import adapt, correct, learn_noise, widen_unsettled
+from fsw.vision.settling import adapt, correct, is_far, learn_noise, widen_unsettled
 from fsw.vision.sides import lens_of
+from fsw.vision.standing_in import learn_size
 from wingbeat.kernels import tick_kernel
+
+
+MOST_LOOKS = 8  # at a few cells, at most, until blur and widths are settled
 
 
 class View(NamedTuple):
@@ -50,36 +54,49 @@ def measure_view(
     view: View,
     wanted: NDArray[np.bool_],
     order: NDArray[np.int64],
+    few: NDArray[np.int64],
     dark: bool,
     stride: int,
     adaptation: float,
 ) -> None:
     """Measure all wanted cells (N,) of one image, in their order (N,), and learn blur, widths and noise from them.
 
-    adaptation: share of the correction of blur and widths that is taken over. dark, stride: see measure_cells.
+    few: some of the cells. adaptation: share of the correction of blur and widths that is taken over. dark, stride: see
+    measure_cells. Where the blur has jumped, a few cells settle it, and then all are measured once more: what edges
+    would say with another blur they tell only for a small step.
     """
-    along_x = lens_of(eyes, eye, view.blur_px[0], view.steps[0], view.noise)
-    along_y = lens_of(eyes, eye, view.blur_px[1], view.steps[1], view.noise)
-    measure_cells(
-        image,
-        eyes,
-        eye,
-        (along_x, along_y),
-        view.expected_px,
-        view.deviation_px,
-        view.depth_mm,
-        wanted,
-        order,
-        view.line_ratio,
-        view.neighbour,
-        view.width_scale,
-        view.size,
-        dark,
-        stride,
-        view.scratch,
-        view.cells,
-    )
-    correct(view.scratch.pooled, view.correction)
+    chosen, looks, whole, done = order, 0, True, False
+    while not done:
+        along_x = lens_of(eyes, eye, view.blur_px[0], view.steps[0], view.noise)
+        along_y = lens_of(eyes, eye, view.blur_px[1], view.steps[1], view.noise)
+        measure_cells(
+            image,
+            eyes,
+            eye,
+            (along_x, along_y),
+            view.expected_px,
+            view.deviation_px,
+            view.depth_mm,
+            wanted,
+            chosen,
+            view.line_ratio,
+            view.neighbour,
+            view.width_scale,
+            view.size,
+            dark,
+            stride,
+            view.scratch,
+            view.cells,
+        )
+        correct(view.scratch.pooled, view.correction)
+        far = is_far(view.correction)
+        done = whole and (looks > 0 or not far)
+        if not done:
+            adapt(view.correction, 1.0, view.blur_px, view.width_scale)
+            whole = looks == MOST_LOOKS or not far
+            chosen = order if whole else few
+            looks += 1
+    learn_size(view.size, view.scratch.sizes)
     widen_unsettled(view.correction, view.cells)
     learn_noise(view.scratch.pooled, view.noise)
     adapt(view.correction, adaptation, view.blur_px, view.width_scale)
