@@ -3,6 +3,7 @@
 A wing's panels are joined by folds, at which its slope jumps. The smooth surface that all cells are expected on rounds
 these kinks off, and takes up to twice the panels' curvature for it beside a fold. So the valid points are fitted once
 more, by the surface's own bending functions and a kink at every fold: the bending functions then have the curvature.
+What is left over is bent as well, where a panel is held: see curvature.py.
 """
 
 import math
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.blur import PIXEL_VARIANCE
+from fsw.vision.curvature import Patches, bend_patches, make_patches
 from fsw.vision.edges import FloatArray, solve
 from fsw.vision.grid import CellGrid
 from fsw.vision.perspective import centre_share, side_normal
@@ -35,6 +37,7 @@ class Bow(NamedTuple):
     matrix: FloatArray  # (K, K) normal equations,
     factor: FloatArray  # (K,) their right side, then the factors beyond the surface's unknowns, mm
     work: FloatArray  # (6, 4) of one cell's sides
+    patches: Patches  # what points lie off the surface with its kinks
 
 
 def make_bow(grid: CellGrid, surface: Surface) -> Bow:
@@ -50,7 +53,7 @@ def make_bow(grid: CellGrid, surface: Surface) -> Bow:
     prior[:BENDING] = CLOSER**2 * surface.point_prior[RIGID : RIGID + BENDING]
     tilt = np.ascontiguousarray(ends[:, :2] - ends[:, 2:])
     equations = np.zeros((count, count)), np.zeros(count)
-    return Bow(basis, np.ascontiguousarray(rise), tilt, prior, *equations, np.zeros((6, 4)))
+    return Bow(basis, np.ascontiguousarray(rise), tilt, prior, *equations, np.zeros((6, 4)), make_patches(grid))
 
 
 def _with_kinks(grid: CellGrid, flat_mm: FloatArray, bending: FloatArray) -> FloatArray:
@@ -66,11 +69,13 @@ def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
     A[:] = 0.0
     b[:] = 0.0
     for n in range(points.valid.shape[0]):
+        bow.patches.off_mm[n] = math.nan
         if not points.valid[n]:
             continue
         x, y, z = locate(surface, n, 4)
         dx, dy, dz = points.xyz_mm[n, 0] - x, points.xyz_mm[n, 1] - y, points.xyz_mm[n, 2] - z
         off = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+        bow.patches.off_mm[n] = off
         for i in range(count):
             here = bow.basis[n, i]
             b[i] += here * off
@@ -80,6 +85,24 @@ def fit_kinks(surface: Surface, points: Points, bow: Bow) -> None:
         A[i, i] += bow.prior[i]
     if not solve(A, b, count):
         b[:] = 0.0
+
+
+@tick_kernel
+def _bend(surface: Surface, points: Points, bow: Bow) -> None:
+    """Write bow.patches.rise_mm (N, 2) of the valid points that the surface with its kinks was fitted to."""
+    R, off = surface.rotation, bow.patches.off_mm
+    for n in range(points.valid.shape[0]):
+        if not points.valid[n] or math.isnan(off[n]):
+            off[n] = bow.patches.variance[n] = math.nan
+            continue
+        for j in range(bow.factor.shape[0]):
+            off[n] -= bow.basis[n, j] * bow.factor[j]
+        C, variance = points.covariance_mm2[n], 0.0
+        for i in range(3):
+            for j in range(3):
+                variance += R[i, 2] * C[i, j] * R[j, 2]
+        bow.patches.variance[n] = variance
+    bend_patches(bow.patches)
 
 
 @tick_kernel
@@ -134,12 +157,13 @@ def unbend(
     and so the point, by one step of its triangulation. Then, and not before, the covariance has what lies between the
     two ways to a point (see triangulate_cells).
     """
+    _bend(surface, points, bow)
     nx, ny, share, g, a = bow.work[0], bow.work[1], bow.work[2], bow.work[3], bow.work[4:]
     for n in range(points.valid.shape[0]):
         if not points.valid[n]:
             continue
         g[:] = 0.0
-        bow_x, bow_y = 0.0, 0.0
+        bow_x, bow_y = bow.patches.rise_mm[n, 0], bow.patches.rise_mm[n, 1]
         for j in range(BENDING):
             factor = surface.unknowns[RIGID + j] + bow.factor[j]
             bow_x += factor * bow.rise[n, 0, j]

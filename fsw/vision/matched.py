@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fsw.vision.ahead import ask
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
+from fsw.vision.edges import BLUR, COMMON, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
 from fsw.vision.lanes import LANES
 from fsw.vision.rig import norm
@@ -54,7 +54,7 @@ from fsw.vision.templates import (
     table_of,
 )
 from fsw.vision.weighing import TAKEN, add_strips, weigh_others, weigh_strips
-from wingbeat.kernels import inline_kernel
+from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # one of so many strips is asked for what the model leaves over
@@ -129,6 +129,28 @@ def match_strips(
         sums[piece, OFF], sums[piece, OFF_VARIANCE] = off, off_variance
 
 
+@tick_kernel
+def tell_noise(
+    pooled: FloatArray, noisy: float, pixels: int, noise: FloatArray, ratio: float, greys: tuple[float, float]
+) -> None:
+    """Add to the pooled noise what so many pixels of a side tell, at two grey values: the cell's, and a step more.
+
+    noisy: times the noise (2,) that was known. ratio: of the variances there. As in `fit_profile`, what is far noisier
+    tells little.
+    """
+    cell, step = greys
+    expected = noise[0] + noise[1] * max(cell + 0.5 * step, 0.0)
+    variance = noisy * expected
+    weight = pixels / max(variance, expected) ** 2
+    both = 0.5 * variance * (1.0 + ratio)  # templates weigh by what is 1 on the mean: theirs is the harmonic one
+    for grey, square in ((cell, both / ratio), (cell + step, both)):
+        pooled[COMMON, 0] += weight
+        pooled[COMMON, 1] += weight * grey
+        pooled[COMMON, 2] += weight * grey * grey
+        pooled[COMMON + 1, 0] += weight * square
+        pooled[COMMON + 1, 1] += weight * square * grey
+
+
 @inline_kernel
 def match_segments(
     image: Image,
@@ -171,7 +193,7 @@ def match_segments(
         match_strips(
             scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
         )
-        found, contrast, by_light, blur_num, blur_den = 0, 0.0, 0.0, 0.0, 0.0
+        found, contrast, by_light, blur_num, blur_den, cells = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         ended = 0
         for piece in range(pieces):
             begun, ended = ended, way.strips * (piece + 1) // pieces
@@ -203,17 +225,22 @@ def match_segments(
                 blur_num += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
                 blur_den += sums[piece, BLUR_DEN] / each
             by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step))) - whole2
-            contrast += step
+            contrast, cells = contrast + step, cells + cell
             clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
             sums[piece, CUT] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
             for k in range(SUMS if found < piece else 0):
                 sums[found, k] = sums[piece, k]
             found += 1
-        share_noise(segments, found)
+        noisy = share_noise(segments, found)
         even = even and (is_even(segments, sums, found, gain) or not is_settled(blur_num, blur_den))
         if even:
             pooled[EACH * row + BLUR, RIGHT] += blur_num
             pooled[EACH * row + BLUR, OWN] += blur_den
+            if found > 0:
+                greys = cells / found, sign * contrast / found
+                # A strip's product with the shift has each / product2 times the noise of a pixel.
+                noisy *= product2 / each
+                tell_noise(pooled, noisy, way.strips * each * taps, lens.noise, scratch.templates.ratio[row], greys)
             break
         # Every strip is asked, and none that shows a stain or a glint's rim is taken.
         most = NOISIER * (taps - COLUMNS) * least_noise(segments, sums, found, gain)

@@ -163,10 +163,10 @@ def _pool(scratch: Scratch, row: int) -> None:
 
 
 @tick_kernel
-def share_noise(segments: FloatArray, count: int) -> None:
+def share_noise(segments: FloatArray, count: int) -> float:
     """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
 
-    A segment has too few pixels to tell its noise: what is quiet by luck would weigh too much, and seem too good.
+    Returns how many times as much it is as was expected. A segment has too few pixels to tell its noise: what is quiet by luck would weigh too much, and seem too good.
     """
     for i in range(count):
         segments[i, 2] = segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0
@@ -179,6 +179,7 @@ def share_noise(segments: FloatArray, count: int) -> None:
     for i in range(count):
         own = total / alike if segments[i, 2] <= limit else segments[i, 2]
         segments[i, 2] = segments[i, 3] * own + LEAST_VARIANCE
+    return total / alike if alike > 0 else 0.0
 
 
 @tick_kernel

@@ -89,6 +89,7 @@ def measure_view(
             view.cells,
         )
         correct(view.scratch.pooled, view.correction)
+        learn_noise(view.scratch.pooled, view.noise)
         far = is_far(view.correction)
         done = whole and (looks > 0 or not far)
         if not done:
@@ -98,5 +99,4 @@ def measure_view(
             looks += 1
     learn_size(view.size, view.scratch.sizes)
     widen_unsettled(view.correction, view.cells)
-    learn_noise(view.scratch.pooled, view.noise)
     adapt(view.correction, adaptation, view.blur_px, view.width_scale)
