@@ -1,10 +1,10 @@
 """How a panel is bent beyond its surface, told near each cell by the points round it.
 
-The wing's bending polynomial follows large motions, but not how a clamped root or a hinge bends a panel close by: there
-it has the curvature wrong by a tenth and more, and a cell's bow with it. So a parabola is fitted to what the points of
-SPAN x SPAN neighbouring cells lie off the surface with its kinks (least squares on a full grid, where the two
-curvatures are apart from all other terms; Savitzky and Golay 1964). A cell at a border, or beside one that is not
-valid, has that of the nearest full patch with it in.
+The wing's bending polynomial follows large motions, but not how a clamped root or a hinge bends a panel close by, nor
+where a view ends: there it has the curvature wrong by a tenth and more, and a cell's bow with it. So a parabola is
+fitted to what the points of 5 x 5 neighbouring cells lie off the surface with its kinks (least squares on a full grid,
+where the two curvatures are apart from all other terms; Savitzky and Golay 1964). A cell at a border, or beside one
+that is not valid, has that of the nearest full patch with it in; where so few columns or rows are seen, of 3 x 5.
 """
 
 import math
@@ -17,9 +17,7 @@ from fsw.vision.edges import FloatArray
 from fsw.vision.grid import CellGrid
 from wingbeat.kernels import tick_kernel
 
-HALF = 2
-SPAN = 2 * HALF + 1
-_SQUARES = 70.0  # of SPAN x SPAN numbers i2 - 2 with i = -2 .. 2
+PATCHES = ((2, 2), (1, 2), (2, 1))  # cells from the middle, along X and along Y, in the order of preference
 QUIET = 0.25  # of a point's own deviation: what its bow may be off by for the noise of the points round it
 
 
@@ -28,10 +26,10 @@ class Patches(NamedTuple):
 
     panel: NDArray[np.int64]  # (P, 3) first cell, columns, rows
     share: FloatArray  # (P, 2) bow along X and along Y, of so much of the parabola's factors, in squares of the pitch
-    off_mm: FloatArray  # (N,) what a point lies off the surface, NaN without one, and
-    variance: FloatArray  # (N,) that place's variance, mm2
-    columns: FloatArray  # (N, 4) sums over SPAN rows: of places, of places by i2 - 2, and their variances
-    told: FloatArray  # (N, 4) of the patch about a cell: factors along X and along Y, and their variances; NaN if none
+    off_mm: FloatArray  # (N,) what a point lies off the surface, and
+    variance: FloatArray  # (N,) that place's variance, mm2; NaN without a point
+    sums: FloatArray  # (N, 4) over a patch's rows: of places, weighted for a parabola's factor, and their variances
+    told: FloatArray  # (N, 4) of the patch about a cell: factors along X and along Y, and their variances
     rise_mm: FloatArray  # (N, 2) bow along X and along Y beyond the surface's
 
 
@@ -40,7 +38,7 @@ def make_patches(grid: CellGrid) -> Patches:
     sizes = [(panel.columns, panel.rows) for panel in grid.panels]
     first = np.cumsum([0, *(columns * rows for columns, rows in sizes[:-1])])
     panel = np.array([(n, *size) for n, size in zip(first, sizes, strict=True)], dtype=np.int64)
-    # Half the second derivative, times the square of half a side.
+    # The middle of a side lies higher than its ends by the square of half of it.
     share = np.array([[-0.25 * (s / p) ** 2 for s, p in zip(q.cell_mm, q.pitch_mm, strict=True)] for q in grid.panels])
     one, four = (grid.count,), (grid.count, 4)
     return Patches(panel, share, *(np.zeros(shape) for shape in (one, one, four, four, (grid.count, 2))))
@@ -48,68 +46,78 @@ def make_patches(grid: CellGrid) -> Patches:
 
 @tick_kernel
 def bend_patches(patches: Patches) -> None:
-    """Write rise_mm (N, 2) from off_mm and variance (N,)."""
-    patches.rise_mm[:] = 0.0
+    """Write rise_mm (N, 2) from off_mm and variance (N,); 0 where no patch tells it."""
     for p in range(patches.panel.shape[0]):
         first, columns, rows = patches.panel[p]
-        if columns < SPAN or rows < SPAN:
-            continue
-        _add_rows(patches, first, columns, rows)
-        _add_columns(patches, first, columns, rows)
-        for column in range(columns):
-            for row in range(rows):
-                n = first + column * rows + row
-                if patches.off_mm[n] == patches.off_mm[n]:
-                    _take_nearest(patches, p, n, column, row)
+        for n in range(first, first + columns * rows):
+            patches.rise_mm[n] = math.nan
+        left = columns * rows
+        for half_x, half_y in PATCHES:
+            if left > 0 and columns > 2 * half_x and rows > 2 * half_y:
+                _tell(patches, p, half_x, half_y)
+                left = _take(patches, p, half_x, half_y)
+        for n in range(first, first + columns * rows):
+            if math.isnan(patches.rise_mm[n, 0]):
+                patches.rise_mm[n] = 0.0
 
 
 @tick_kernel
-def _weight(i: int) -> float:
-    """Of a place i cells from the middle, in the parabola's factor."""
-    return float(i * i - HALF)
+def _factor(half: int) -> tuple[float, float]:
+    """Mean m of i2, and sum of squares of i2 - m, over i = -half .. half."""
+    return (2.0, 14.0) if half == 2 else (2.0 / 3.0, 2.0 / 3.0)
 
 
 @tick_kernel
-def _add_rows(patches: Patches, first: int, columns: int, rows: int) -> None:
+def _tell(patches: Patches, p: int, half_x: int, half_y: int) -> None:
+    """Write what all full patches of a panel tell, where their middles are: of others NaN."""
+    first, columns, rows = patches.panel[p]
+    (mean_x, squares_x), (mean_y, squares_y) = _factor(half_x), _factor(half_y)
     for column in range(columns):
-        for row in range(HALF, rows - HALF):
+        for row in range(half_y, rows - half_y):
             n = first + column * rows + row
             plain, bent, plain_variance, bent_variance = 0.0, 0.0, 0.0, 0.0
-            for i in range(-HALF, HALF + 1):
-                w, off, variance = _weight(i), patches.off_mm[n + i], patches.variance[n + i]
+            for i in range(-half_y, half_y + 1):
+                w, off, variance = (i * i - mean_y) / squares_y, patches.off_mm[n + i], patches.variance[n + i]
                 plain, bent = plain + off, bent + w * off
                 plain_variance, bent_variance = plain_variance + variance, bent_variance + w * w * variance
-            sums = patches.columns[n]
+            sums = patches.sums[n]
             sums[0], sums[1], sums[2], sums[3] = plain, bent, plain_variance, bent_variance
-
-
-@tick_kernel
-def _add_columns(patches: Patches, first: int, columns: int, rows: int) -> None:
-    for column in range(HALF, columns - HALF):
-        for row in range(HALF, rows - HALF):
+    wide, high = 2.0 * half_x + 1.0, 2.0 * half_y + 1.0
+    for column in range(half_x, columns - half_x):
+        for row in range(half_y, rows - half_y):
             n = first + column * rows + row
             along, across, along_variance, across_variance = 0.0, 0.0, 0.0, 0.0
-            for i in range(-HALF, HALF + 1):
-                w, sums = _weight(i), patches.columns[n + i * rows]
+            for i in range(-half_x, half_x + 1):
+                w, sums = (i * i - mean_x) / squares_x, patches.sums[n + i * rows]
                 along, across = along + w * sums[0], across + sums[1]
                 along_variance, across_variance = along_variance + w * w * sums[2], across_variance + sums[3]
             told = patches.told[n]
-            told[0], told[1] = along / _SQUARES, across / _SQUARES
-            told[2], told[3] = along_variance / _SQUARES**2, across_variance / _SQUARES**2
+            told[0], told[1] = along / high, across / wide
+            told[2], told[3] = along_variance / (high * high), across_variance / (wide * wide)
 
 
 @tick_kernel
-def _take_nearest(patches: Patches, p: int, n: int, column: int, row: int) -> None:
-    """Write a cell's rise by the nearest patch that holds it, and is full and quiet; without one it stays 0."""
-    _, columns, rows = patches.panel[p]
-    share, best = patches.share[p], math.inf
-    for i in range(max(column - HALF, HALF), min(column + HALF, columns - 1 - HALF) + 1):
-        for j in range(max(row - HALF, HALF), min(row + HALF, rows - 1 - HALF) + 1):
-            away = float((i - column) ** 2 + (j - row) ** 2)
-            if away >= best:
+def _take(patches: Patches, p: int, half_x: int, half_y: int) -> int:
+    """Write the rises that are not known, by the nearest patch that holds a cell, and is full and quiet.
+
+    Returns how many cells have no such patch.
+    """
+    first, columns, rows = patches.panel[p]
+    share, left = patches.share[p], 0
+    for column in range(columns):
+        for row in range(rows):
+            n, nearest = first + column * rows + row, math.inf
+            if math.isnan(patches.off_mm[n]) or not math.isnan(patches.rise_mm[n, 0]):
                 continue
-            told = patches.told[n + (i - column) * rows + j - row]
-            noise = max(share[0] * share[0] * told[2], share[1] * share[1] * told[3])
-            if noise <= QUIET * QUIET * patches.variance[n]:  # not so without a full patch: NaN
-                best = away
-                patches.rise_mm[n, 0], patches.rise_mm[n, 1] = share[0] * told[0], share[1] * told[1]
+            for i in range(max(column - half_x, half_x), min(column + half_x, columns - 1 - half_x) + 1):
+                for j in range(max(row - half_y, half_y), min(row + half_y, rows - 1 - half_y) + 1):
+                    away = float((i - column) ** 2 + (j - row) ** 2)
+                    if away >= nearest:
+                        continue
+                    told = patches.told[n + (i - column) * rows + j - row]
+                    noise = max(share[0] * share[0] * told[2], share[1] * share[1] * told[3])
+                    if noise <= QUIET * QUIET * patches.variance[n]:  # not so of a patch that is not full: NaN
+                        nearest = away
+                        patches.rise_mm[n, 0], patches.rise_mm[n, 1] = share[0] * told[0], share[1] * told[1]
+            left += nearest == math.inf
+    return left
