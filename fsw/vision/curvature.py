@@ -4,7 +4,8 @@ The wing's bending polynomial follows large motions, but not how a clamped root 
 where a view ends: there it has the curvature wrong by a tenth and more, and a cell's bow with it. So a parabola is
 fitted to what the points of 5 x 5 neighbouring cells lie off the surface with its kinks (least squares on a full grid,
 where the two curvatures are apart from all other terms; Savitzky and Golay 1964). A cell at a border, or beside one
-that is not valid, has that of the nearest full patch with it in; where so few columns or rows are seen, of 3 x 5.
+that is not valid, has that of the nearest full patch with it in; where so few columns or rows are seen, of 3 x 5. A
+fold hands on the bending moment, and so the curvature: where fewer are seen, it is that of the cells beyond.
 """
 
 import math
@@ -17,6 +18,7 @@ from fsw.vision.edges import FloatArray
 from fsw.vision.grid import CellGrid
 from wingbeat.kernels import tick_kernel
 
+BEYOND = 4  # columns away that a cell's curvature may come from, at most
 PATCHES = ((2, 2), (1, 2), (2, 1))  # cells from the middle, along X and along Y, in the order of preference
 QUIET = 0.25  # of a point's own deviation: what its bow may be off by for the noise of the points round it
 
@@ -56,9 +58,14 @@ def bend_patches(patches: Patches) -> None:
             if left > 0 and columns > 2 * half_x and rows > 2 * half_y:
                 _tell(patches, p, half_x, half_y)
                 left = _take(patches, p, half_x, half_y)
+    for p in range(patches.panel.shape[0]):
+        first, columns, rows = patches.panel[p]
         for n in range(first, first + columns * rows):
-            if math.isnan(patches.rise_mm[n, 0]):
-                patches.rise_mm[n] = 0.0
+            if not math.isnan(patches.off_mm[n]) and math.isnan(patches.rise_mm[n, 0]):
+                _take_along(patches, p, n)
+    for n in range(patches.rise_mm.shape[0]):
+        if math.isnan(patches.rise_mm[n, 0]):
+            patches.rise_mm[n] = 0.0
 
 
 @tick_kernel
@@ -121,3 +128,16 @@ def _take(patches: Patches, p: int, half_x: int, half_y: int) -> int:
                         patches.rise_mm[n, 0], patches.rise_mm[n, 1] = share[0] * told[0], share[1] * told[1]
             left += nearest == math.inf
     return left
+
+
+@tick_kernel
+def _take_along(patches: Patches, p: int, n: int) -> None:
+    """Write a cell's rise by the nearest cell of its row that has one, fold or not."""
+    rise, rows = patches.rise_mm, patches.panel[p, 2]
+    for away in range(1, BEYOND + 1):
+        for m in (n - away * rows, n + away * rows):
+            for q in range(max(p - 1, 0), min(p + 2, patches.panel.shape[0])):
+                first, columns, alike = patches.panel[q]
+                inside = alike == rows and first <= m < first + columns * rows
+                if inside and math.isnan(rise[n, 0]) and not math.isnan(rise[m, 0]):
+                    rise[n, 0], rise[n, 1] = rise[m, 0], rise[m, 1]
