@@ -13,7 +13,7 @@ from fsw.vision.edges import BLUR, OWN, RIGHT, make_scratch
 from fsw.vision.lanes import LANES, ROWS, TAPS, make_column_reader, make_row_reader, make_window_finder
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
-from fsw.vision.sides import UNSETTLED_PX, Lens, inset_px, share_noise, straight_side
+from fsw.vision.sides import UNSETTLED_PX, Lens, Side, inset_px, share_noise, straight_side
 from fsw.vision.strips import (
     MOST_STRIPS,
     Way,
@@ -176,12 +176,15 @@ class Edge:
     distortion: Any = None
     grey: tuple[float, float] = (30.0, 175.0)
     size: tuple[int, int] = (320, 300)
+    blur_px: float = BLUR_PX
 
     @property
     def lens(self) -> Lens:
-        whole = float(np.sqrt(BLUR_PX**2 + 1.0 / 12.0))
+        whole = float(np.sqrt(self.blur_px**2 + 1.0 / 12.0))
         distortion = STRAIGHT if self.distortion is None else self.distortion
-        return Lens(np.array([400.0, 400.0, 160.0, 150.0]), distortion, whole, table_of(BLUR_PX), np.array([1.0, 0.0]))
+        return Lens(
+            np.array([400.0, 400.0, 160.0, 150.0]), distortion, whole, table_of(self.blur_px), np.array([1.0, 0.0])
+        )
 
     @property
     def normal(self) -> tuple[float, float]:
@@ -197,7 +200,7 @@ class Edge:
         middle = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1).reshape(-1, 2)
         total = self._grey(middle, away_px, grows)
         # A pixel that is farther away than the blur reaches has the same light all over, or light that grows evenly.
-        near = np.abs(self._far(middle)) < 10.0 * BLUR_PX + 1.0 + abs(away_px)
+        near = np.abs(self._far(middle)) < 10.0 * self.blur_px + 1.0 + abs(away_px)
         total[near] = 0.0
         for (p, wp), (q, wq) in product(zip(NODES, WEIGHTS, strict=True), repeat=2):
             total[near] += 0.25 * wp * wq * self._grey(middle[near] + 0.5 * np.array([p, q]), away_px, grows)
@@ -211,7 +214,7 @@ class Edge:
 
     def _grey(self, at: FloatArray, away_px: float, grows: float) -> FloatArray:
         far = self._far(at) - away_px
-        return (self.grey[0] + (self.grey[1] - self.grey[0]) * ndtr(far / BLUR_PX)) * (1.0 + grows * far)
+        return (self.grey[0] + (self.grey[1] - self.grey[0]) * ndtr(far / self.blur_px)) * (1.0 + grows * far)
 
     def measure(
         self, image: Any, ratio: float = 1.0, room_px: float = 9.0, gain: float | None = None, grows: float = 0.0
@@ -220,15 +223,20 @@ class Edge:
 
         gain: the templates', if not this edge's own; grows: of the light, as the tracker is told.
         """
+        (good, _, middle, _, variance, _), side = self.match(image, ratio, room_px, gain)
+        return good, middle - side.by_light * grows, variance
+
+    def match(
+        self, image: Any, ratio: float = 1.0, room_px: float = 9.0, gain: float | None = None
+    ) -> tuple[tuple[bool, bool, float, float, float, float], Side]:
+        """The straight line through its segments, and what these say together."""
         scratch, lens = make_scratch(), self.lens
         scratch.templates.noise[0] = 1.0, ratio
         across = np.abs(np.subtract(self.end, self.start)).max() / np.hypot(*np.subtract(self.end, self.start))
         fill_templates(lens.step, lens.blur_px, gain or float(across), room_px, 0, scratch.templates)
         sign = 1.0 if self.grey[1] > self.grey[0] else -1.0
-        side = self.start, self.end, self.normal
-        pieces, found, _, by_light = match_segments(image, lens, *side, 0.0, 0, sign, scratch)
-        good, _, middle, _, variance, _ = straight_side(scratch.segments, found, pieces)
-        return good, middle - by_light * grows, variance
+        side = match_segments(image, lens, self.start, self.end, self.normal, 0.0, 0, sign, scratch)
+        return straight_side(scratch.segments, side.found, side.pieces), side
 
 
 LEVEL, STEEPER, STEEP = (260.9, 90.7), (250.2, 112.9), (210.4, 171.8)  # strips of 4, 2 and 1 columns
@@ -470,8 +478,8 @@ def test_a_side_far_more_blurred_than_expected_asks_for_blur_and_is_not_taken_fo
     scratch.templates.noise[0] = 1.0, 5.0
     fill_templates(lens.step, lens.blur_px, 1.0, 9.0, 0, scratch.templates)
     side = edge.start, edge.end, edge.normal
-    pieces, found, _, _ = match_segments(sixteen_bits(edge.light()), lens, *side, 0.0, 0, 1.0, scratch)
-    assert found == pieces
+    told = match_segments(sixteen_bits(edge.light()), lens, *side, 0.0, 0, 1.0, scratch)
+    assert told.found == told.pieces
     assert scratch.pooled[BLUR, RIGHT] / scratch.pooled[BLUR, OWN] > UNSETTLED_PX
 
 

@@ -55,8 +55,11 @@ class Quad(NamedTuple):
     by_width: FloatArray  # (4,)
     weight: FloatArray  # (4,) what it adds to OWN and CROSS of its width
     cross: FloatArray  # (4,)
-    bright: FloatArray  # (4,) contrast
-    by_light: FloatArray  # (4,) px2 that it is off by, where light grows by its whole per px outwards
+    bright: FloatArray  # (4,) contrast,
+    level: FloatArray  # (4,) and the cell's grey value beside it
+    by_light: FloatArray  # (4,) px2 that it is off by, where light grows by its whole per px outwards,
+    by_added: FloatArray  # (4,) and by a grey value laid over cell and line
+    rounded: FloatArray  # (4,) px that it may be off by, because the cell's pixels are rounded all alike
     flat: FloatArray  # (4, 2) corners, without what was measured of them
     agreed: FloatArray  # (POOLED_ROWS, 3) what was pooled before the cell
     seen: FloatArray  # (6, 2) corners in the image, and both of the next cell's first side
@@ -64,7 +67,7 @@ class Quad(NamedTuple):
 
 def make_quad() -> Quad:
     """Take the memory."""
-    shapes = [(4,)] * 13 + [(4, 2), (POOLED_ROWS, 3), (6, 2)]
+    shapes = [(4,)] * 16 + [(4, 2), (POOLED_ROWS, 3), (6, 2)]
     return Quad(*(np.zeros(shape) for shape in shapes))
 
 

@@ -11,12 +11,14 @@ from fsw.vision.edges import BLUR, COMMON, EACH, OWN, RIGHT, SEGMENTS, FloatArra
 from fsw.vision.hot import full_scale
 from fsw.vision.lanes import LANES
 from fsw.vision.rig import norm
+from fsw.vision.settling import LEAST_NOISE
 from fsw.vision.sides import (
     CLIPPED_SHARE,
     MIN_CONTRAST,
     NOISE_GATE,
     NOISIER,
     Lens,
+    Side,
     inset_px,
     is_settled,
     share_noise,
@@ -58,6 +60,7 @@ from wingbeat.kernels import inline_kernel, tick_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # one of so many strips is asked for what the model leaves over
+HOTTER = 3.0  # times the noise expected on a side: more is a hot pixel's
 
 
 @inline_kernel
@@ -129,28 +132,6 @@ def match_strips(
         sums[piece, OFF], sums[piece, OFF_VARIANCE] = off, off_variance
 
 
-@tick_kernel
-def tell_noise(
-    pooled: FloatArray, noisy: float, pixels: int, noise: FloatArray, ratio: float, greys: tuple[float, float]
-) -> None:
-    """Add to the pooled noise what so many pixels of a side tell, at two grey values: the cell's, and a step more.
-
-    noisy: times the noise (2,) that was known. ratio: of the variances there. As in `fit_profile`, what is far noisier
-    tells little.
-    """
-    cell, step = greys
-    expected = noise[0] + noise[1] * max(cell + 0.5 * step, 0.0)
-    variance = noisy * expected
-    weight = pixels / max(variance, expected) ** 2
-    both = 0.5 * variance * (1.0 + ratio)  # templates weigh by what is 1 on the mean: theirs is the harmonic one
-    for grey, square in ((cell, both / ratio), (cell + step, both)):
-        pooled[COMMON, 0] += weight
-        pooled[COMMON, 1] += weight * grey
-        pooled[COMMON, 2] += weight * grey * grey
-        pooled[COMMON + 1, 0] += weight * square
-        pooled[COMMON + 1, 1] += weight * square * grey
-
-
 @inline_kernel
 def match_segments(
     image: Image,
@@ -162,8 +143,8 @@ def match_segments(
     row: int,
     sign: float,
     scratch: Scratch,
-) -> tuple[int, int, float, float]:
-    """As fit_segments, without blur and width, by the templates of one direction of sides, if plateaus are wide enough.
+) -> Side:
+    """As fit_segments, by the templates of one direction of sides, if plateaus are wide enough.
 
     lean_px: see inset_px.
     """
@@ -190,13 +171,14 @@ def match_segments(
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
     full, even, most, product2 = float(full_scale(image)), True, math.inf, scale[row, PHASES // 2, SHIFT] ** 2
     for judged_each in (JUDGED, 1):
+        cell_noise, line_noise, judged = -noise[row, INSIDE], -noise[row, LINE], 0.0
         match_strips(
             scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
         )
-        found, contrast, by_light, blur_num, blur_den, cells = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        found, contrast, level, by_light, inverse, blur_num, blur_den = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         ended = 0
         for piece in range(pieces):
-            begun, ended = ended, way.strips * (piece + 1) // pieces
+            begun, ended, judged = ended, way.strips * (piece + 1) // pieces, judged + sums[piece, JUDGES]
             count, b, bb, bc = sums[piece, COUNT], sums[piece, B], sums[piece, BB], sums[piece, BC]
             if count < SEGMENT_STRIPS or 2.0 * count < ended - begun or sign * b <= MIN_CONTRAST * count * each:
                 continue
@@ -225,22 +207,22 @@ def match_segments(
                 blur_num += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
                 blur_den += sums[piece, BLUR_DEN] / each
             by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step))) - whole2
-            contrast, cells = contrast + step, cells + cell
+            contrast, level, inverse = contrast + step, level + cell, inverse + sign / step
             clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
             sums[piece, CUT] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
             for k in range(SUMS if found < piece else 0):
                 sums[found, k] = sums[piece, k]
             found += 1
-        noisy = share_noise(segments, found)
+        share_noise(segments, found)
         even = even and (is_even(segments, sums, found, gain) or not is_settled(blur_num, blur_den))
         if even:
             pooled[EACH * row + BLUR, RIGHT] += blur_num
             pooled[EACH * row + BLUR, OWN] += blur_den
             if found > 0:
-                greys = cells / found, sign * contrast / found
-                # A strip's product with the shift has each / product2 times the noise of a pixel.
-                noisy *= product2 / each
-                tell_noise(pooled, noisy, way.strips * each * taps, lens.noise, scratch.templates.ratio[row], greys)
+                differences = 2.0 * each * judged  # of neighbouring pixels, each a sum of columns
+                cell, line = level / found, (level + sign * contrast) / found
+                _pool_noise(pooled, lens.noise, cell, (cell_noise + noise[row, INSIDE]) / differences, judged)
+                _pool_noise(pooled, lens.noise, line, (line_noise + noise[row, LINE]) / differences, judged)
             break
         # Every strip is asked, and none that shows a stain or a glint's rim is taken.
         most = NOISIER * (taps - COLUMNS) * least_noise(segments, sums, found, gain)
@@ -249,4 +231,21 @@ def match_segments(
         by_light = 0.0
     for i in range(found):
         segments[i, 2] += sums[i, CUT] ** 2
-    return pieces, found, contrast / max(found, 1), by_light / max(found, 1)
+    good = max(found, 1)
+    # Templates blurred by 1 px more would show the edge shifted.
+    by_blur = -scratch.templates.gain[row] * scratch.templates.blurred[row]
+    by_added = abs(gain) * (lit_cell + lit_line) * inverse / good
+    return Side(pieces, found, contrast / good, level / good, by_light / good, by_added, by_blur, 0.0)
+
+
+@tick_kernel
+def _pool_noise(pooled: FloatArray, noise: FloatArray, grey: float, variance: float, count: float) -> None:
+    """Add to what is pooled of the noise what so many pixels of a grey value say of it, less what a hot one says."""
+    expected = noise[0] + noise[1] * max(grey, 0.0)
+    weight = count / (expected * expected)
+    if noise[0] > LEAST_NOISE or noise[1] > 0.0:  # it has been learned
+        variance = min(variance, HOTTER * expected)
+    for i, value in enumerate((1.0, grey, grey * grey)):
+        pooled[COMMON, i] += weight * value
+    for i, value in enumerate((variance, variance * grey)):
+        pooled[COMMON + 1, i] += weight * value

@@ -34,8 +34,8 @@ class EdgeFit(NamedTuple):
     leaves more over than noise can: by as many deviations as that is at most, if it were all along the offset.
     blur_pull, width_pull_px: by how much the offset would change if the lens blurred by 1 px more, and if the line were
     wider, per unit of relative width. light_pull_px2: by how much it is off where light grows outwards, per unit of
-    relative growth per px. added_chi2, added_px: how far light laid over all of it, growing outwards, is beyond noise,
-    and what the offset is off by for it.
+    relative growth per px, and added_pull_px2: per grey value laid over per px. added_chi2, added_px: how far light
+    laid over all of it, growing outwards, is beyond noise, and what the offset is off by for it.
     """
 
     good: bool
@@ -49,11 +49,12 @@ class EdgeFit(NamedTuple):
     blur_pull: float
     width_pull_px: float
     light_pull_px2: float
+    added_pull_px2: float
     added_chi2: float
     added_px: float
 
 
-_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_EDGE = EdgeFit(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @tick_kernel
@@ -201,11 +202,11 @@ def fit_profile(
     by_blur, by_width = -coupled[BLUR, last] / stiff, -coupled[WIDTH, last] / stiff
     # Light falls on the wing before the lens blurs it: a Gaussian blur of x S(x) is x S + blur2 S', a shift the less.
     by_light = coupled[LIGHT, last] / stiff - blur_px * blur_px
+    by_grey = coupled[ADDED, last] / stiff
     residual = math.sqrt(plain / (used - n))
     misfit = max(scale - MISFIT, 0.0) * (used - n)
     variances = scale / stiff**2, 1.0 / stiff**2, misfit / stiff**2
     added = added_num / added_den if added_den > 0.0 else 0.0
-    by_added = coupled[ADDED, last] / stiff * added
     return EdgeFit(
         True,
         offset,
@@ -216,8 +217,9 @@ def fit_profile(
         by_blur,
         by_width,
         by_light,
+        by_grey,
         added * added_num,
-        by_added,
+        by_grey * added,
     )
 
 

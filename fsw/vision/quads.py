@@ -19,10 +19,10 @@ from fsw.vision.edges import (
     WIDTH,
     FloatArray,
     Image,
-    Quad,
     Scratch,
 )
 from fsw.vision.hot import runs_along_hot_row
+from fsw.vision.light import ROUNDED_FITTED, ROUNDED_MATCHED, add_rounding, correct_light, rounding
 from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
     OWN_SHARE,
@@ -49,8 +49,6 @@ MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear mode
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 STEP_SIGMAS = 2.5  # of a step beside a border, at least
 WORST_PX = 0.3  # a side less sure than this is as good as hidden
-EVEN_LIGHT = 0.1  # part of the light by which it may change across a cell: more is a shadow's edge, or a glint
-UNEVEN = 0.5  # of what light that grows across a cell shifts sides by: it may grow unevenly
 MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is known better
 
 
@@ -93,7 +91,7 @@ def measure_cells(
         fill_templates(lenses[row].step, lenses[row].blur_px, gain, room, row, scratch.templates)
     scratch.sizes[:] = 0.0
     nx, ny, lengths, extents, middle, slope, variance = scratch.quad[:7]
-    by_blur, by_width, weight, cross, bright, by_light, flat, agreed, seen = scratch.quad[7:]
+    by_blur, by_width, weight, cross, bright, level, by_light, by_added, rounded, flat, agreed, seen = scratch.quad[7:]
     for place in range(len(order)):
         n = order[place]
         out.found[n] = out.whole[n] = out.paired[n, 0] = out.paired[n, 1] = False
@@ -149,9 +147,6 @@ def measure_cells(
             plain = plain and not runs_along_hot_row(image, seen[k], seen[k1], half + 1.0)
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
-            # Templates blurred by 1 px more would show the edge shifted.
-            by_blur[k] = -scratch.templates.gain[row] * scratch.templates.blurred[row] if plain else 0.0
-            by_width[k] = 0.0
             of_width = scratch.pooled[EACH * row + WIDTH]
             weight[k], cross[k] = of_width[OWN], of_width[CROSS]
             m, s, v, r, ok, sure = 0.0, 0.0, 0.0, 0.0, False, False
@@ -160,11 +155,9 @@ def measure_cells(
                 start = (c[k, 0] + a * nx[k], c[k, 1] + a * ny[k])
                 end = (c[k1, 0] + b * nx[k], c[k1, 1] + b * ny[k])
                 if plain:
-                    pieces, found, bright[k], by_light[k] = match_segments(
-                        image, lens, start, end, (nx[k], ny[k]), half * lean, row, sign, scratch
-                    )
+                    side = match_segments(image, lens, start, end, (nx[k], ny[k]), half * lean, row, sign, scratch)
                 else:
-                    pieces, found, bright[k], by_light[k], by_blur[k], by_width[k] = fit_segments(
+                    side = fit_segments(
                         image,
                         lens,
                         start,
@@ -178,7 +171,7 @@ def measure_cells(
                         stride,
                         scratch,
                     )
-                ok, sure, dm, ds, v, r = straight_side(scratch.segments, found, pieces)
+                ok, sure, dm, ds, v, r = straight_side(scratch.segments, side.found, side.pieces)
                 ok = ok and v < WORST_PX * WORST_PX
                 if not ok:
                     break
@@ -192,8 +185,12 @@ def measure_cells(
                     break
                 continue
             weight[k], cross[k] = of_width[OWN] - weight[k], of_width[CROSS] - cross[k]
+            bright[k], level[k], by_light[k], by_added[k], by_blur[k], by_width[k] = side[2:]
             by_blur[k] -= scratch.templates.slowed[row] * dm if plain else 0.0  # and what it moved by larger
-            middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX
+            moved = (ROUNDED_MATCHED if plain else ROUNDED_FITTED) * lens.blur_px / bright[k]
+            rounded[k] = moved * rounding(lens.noise, level[k])
+            by_line = moved * rounding(lens.noise, level[k] + sign * bright[k])
+            middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX + by_line * by_line
             squares, contrast, firm = squares + r * r, contrast + bright[k], firm and sure
         if hidden > 0:
             _copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others
@@ -203,7 +200,7 @@ def measure_cells(
         for k in range(2):
             out.paired[n, k] = hidden == 0 or which % 2 != k
             if out.paired[n, k]:
-                _correct_light(scratch.quad, k)
+                correct_light(scratch.quad, k)
         if hidden == 0:
             # The lines were expected too narrow by as much as the cell was.
             for k in range(2):
@@ -222,7 +219,9 @@ def measure_cells(
             middle[k], variance[k] = stand_in(size, k % 2, covered, expected, extents[k], *across, tilt)
             slope[k] = slope[k2] * lengths[k] / lengths[k2]
             by_blur[k], by_width[k] = -by_blur[k2], -by_width[k2]
+            rounded[k] = -rounded[k2]
         corners_and_centre(c, depth, nx, ny, middle, slope, variance, n, out)
+        add_rounding(scratch.quad, out.covariance_px2[n])
         out.pull[n] = 0.0
         for k in range(4):
             gx, gy = centre_share(nx, ny, k)
@@ -238,15 +237,3 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
-
-
-@tick_kernel
-def _correct_light(quad: Quad, k: int) -> None:
-    """Take off sides k and k + 2 what light feigns: where it is brighter, as the lines' contrast tells, they shift."""
-    k2, extent = k + 2, quad.extent[k]
-    grows = 2.0 * (quad.bright[k] - quad.bright[k2]) / ((quad.bright[k] + quad.bright[k2]) * extent)
-    if abs(grows) * extent > EVEN_LIGHT:
-        return
-    for side, shift in ((k, quad.by_light[k] * grows), (k2, -quad.by_light[k2] * grows)):
-        quad.middle[side] -= shift
-        quad.variance[side] += (UNEVEN * shift) ** 2

@@ -50,6 +50,19 @@ class Lens(NamedTuple):
     noise: FloatArray
 
 
+class Side(NamedTuple):
+    """The segments of a side: how many there are, how many were good; means over these, as in Quad."""
+
+    pieces: int
+    found: int
+    bright: float
+    level: float
+    by_light: float
+    by_added: float
+    by_blur: float
+    by_width: float
+
+
 @tick_kernel
 def lens_of(eyes: Eyes, eye: int, blur_px: float, step: FloatArray, noise: FloatArray) -> Lens:
     """An eye whose lens blurs by blur_px across sides along X, or along Y; step (STEP_ROWS, 3): written."""
@@ -93,11 +106,10 @@ def fit_segments(
     sign: float,
     stride: int,
     scratch: Scratch,
-) -> tuple[int, int, float, float, float, float]:
-    """Fit the segments of the side between two ideal points: how many there are, how many were good, mean contrast.
+) -> Side:
+    """Fit the segments of the side between two ideal points.
 
-    And the means of what light, more blur and a wider line would change (see EdgeFit). widths_px: of the line, at both
-    ends; 0: none. lean_px: see inset_px.
+    widths_px: of the line, at both ends; 0: none. lean_px: see inset_px.
     """
     blur = lens.blur_px
     length = norm(end[0] - start[0], end[1] - start[1])
@@ -107,7 +119,7 @@ def fit_segments(
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
     wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
     misfit, feigned2, chi2 = scratch.misfit, scratch.feigned2, 0.0
-    found, contrast, by_light, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0
+    found, contrast, level, by_light, by_added, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     blur_right, blur_own = 0.0, 0.0
     for piece in range(pieces):
         f0 = (inset + (length - 2.0 * inset) * piece / pieces) / length
@@ -136,9 +148,9 @@ def fit_segments(
             misfit[found] = fit.misfit_px2 + ((CLIPPED_SHARE * blur) ** 2 if cut_off else 0.0)
             feigned2[found] = fit.added_px**2
             chi2 += fit.added_chi2
-            contrast += step
+            contrast, level = contrast + step, level + fit.inside
             by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
-            by_light += fit.light_pull_px2
+            by_light, by_added = by_light + fit.light_pull_px2, by_added + fit.added_pull_px2
             blur_right, blur_own = blur_right + scratch.fresh[BLUR, RIGHT], blur_own + scratch.fresh[BLUR, OWN]
             _pool(scratch, row)
             found += 1
@@ -149,7 +161,8 @@ def fit_segments(
         if not even:
             scratch.segments[i, 2] += feigned2[i]
     good = max(found, 1)
-    return pieces, found, contrast / good, by_light / good, by_blur / good, by_width / good
+    of_light = by_light / good, by_added / good
+    return Side(pieces, found, contrast / good, level / good, *of_light, by_blur / good, by_width / good)
 
 
 @tick_kernel
@@ -163,10 +176,10 @@ def _pool(scratch: Scratch, row: int) -> None:
 
 
 @tick_kernel
-def share_noise(segments: FloatArray, count: int) -> float:
+def share_noise(segments: FloatArray, count: int) -> None:
     """Give the segments (count, 4) of a side one noise in common, but leave those that are far noisier their own.
 
-    Returns how many times as much it is as was expected. A segment has too few pixels to tell its noise: what is quiet by luck would weigh too much, and seem too good.
+    A segment has too few pixels to tell its noise: what is quiet by luck would weigh too much, and seem too good.
     """
     for i in range(count):
         segments[i, 2] = segments[i, 2] / segments[i, 3] if segments[i, 3] > 0.0 else 0.0
@@ -179,7 +192,6 @@ def share_noise(segments: FloatArray, count: int) -> float:
     for i in range(count):
         own = total / alike if segments[i, 2] <= limit else segments[i, 2]
         segments[i, 2] = segments[i, 3] * own + LEAST_VARIANCE
-    return total / alike if alike > 0 else 0.0
 
 
 @tick_kernel

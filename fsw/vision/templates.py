@@ -59,7 +59,6 @@ class Templates(NamedTuple):
     lit: FloatArray  # (2, 2) and by light that grows by its whole per px, on cell and line, for line - cell = 1
     taps: NDArray[np.int64]  # (2,) pixels across, 0: blur too wide for templates
     noise: FloatArray  # (2, 2) of the last tick: squared differences of neighbouring pixels on cell and line
-    ratio: FloatArray  # (2,) and what they told: variance of a pixel on the line over that of one on the cell
     sums: FloatArray  # (MOST_SEGMENTS, SUMS) of the segments of the side being matched
     work: FloatArray  # (COLUMNS + 3, TAPS) templates, an edge shifted to either side, and pixels' weights, being filled
     share: FloatArray  # (COLUMNS, COLUMNS) of one column along another, see _orthonormal
@@ -78,7 +77,6 @@ def make_templates() -> Templates:
         np.zeros((2, 2)),
         np.zeros(2, np.int64),
         np.zeros((2, 2)),
-        np.ones(2),
         np.zeros((MOST_SEGMENTS, SUMS)),
         np.zeros((COLUMNS + 3, TAPS)),
         np.zeros((COLUMNS, COLUMNS)),
@@ -114,7 +112,7 @@ def fill_templates(step: FloatArray, blur_px: float, gain: float, room_px: float
     step: the table of tabulate_step. blur_px: the whole blur. gain: distance from the edge per pixel across, > 0.
     room_px: what the narrowest line leaves on either side of an edge.
     """
-    out.ratio[row] = ratio = noise_ratio(out.noise[row])
+    ratio = noise_ratio(out.noise[row])
     out.noise[row] = 0.0
     out.gain[row] = gain
     out.taps[row] = taps = choose_taps(blur_px, gain, room_px)
