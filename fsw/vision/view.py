@@ -19,7 +19,6 @@ from fsw.vision.sides import lens_of
 from fsw.vision.standing_in import learn_size
 from wingbeat.kernels import tick_kernel
 
-
 MOST_LOOKS = 8  # at a few cells, at most, until blur and widths are settled
 
 
