@@ -63,12 +63,13 @@ def table_of(blur_px: float) -> FloatArray:
     return table
 
 
-@pytest.mark.parametrize("blur_px", [0.3, 0.7, 2.0])
+@pytest.mark.parametrize("blur_px", [0.3, 0.7, 2.0, 4.0])
 def test_the_table_is_the_integral_of_a_blurred_step_over_a_pixel(blur_px: float) -> None:
     x = np.arange(STEP_ROWS) / STEP_PER_PX - STEP_REACH_PX
     value, slope, change = table_of(blur_px).T
     h = 1e-4
     assert value == pytest.approx(seen_step(x, blur_px), abs=1e-9)
+    assert value[0] < 1e-4 and value[-1] > 1.0 - 1e-4  # nothing of it is cut off
     assert slope == pytest.approx((seen_step(x + h, blur_px) - seen_step(x - h, blur_px)) / (2 * h), abs=1e-6)
     assert change == pytest.approx((seen_step(x, blur_px + h) - seen_step(x, blur_px - h)) / (2 * h), abs=1e-6)
 

@@ -128,6 +128,7 @@ def test_points_stay_within_their_deviations_while_a_sudden_blur_settles(tracker
     assert worst_sigmas(tracker).max() < 5.0
     for tick in range(10):
         tracker.measure(*pair(SOFT_PX, 2 + tick % 3))
+        assert tracker.blur_px == pytest.approx(np.full((2, 2), SOFT_PX), rel=0.02)  # in the very tick
         tracker.both_found()
         assert tracker.reconstruct(tracker.both, 0.5, 1.0) > 240
         assert worst_sigmas(tracker).max() < 5.5  # of 7500 numbers; it was 17 before widths and blur settled together

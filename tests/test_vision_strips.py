@@ -214,7 +214,10 @@ class Edge:
 
     def _grey(self, at: FloatArray, away_px: float, grows: float) -> FloatArray:
         far = self._far(at) - away_px
-        return (self.grey[0] + (self.grey[1] - self.grey[0]) * ndtr(far / self.blur_px)) * (1.0 + grows * far)
+        blur, step = self.blur_px, self.grey[1] - self.grey[0]
+        slope = step * np.exp(-0.5 * (far / blur) ** 2) / (blur * np.sqrt(2.0 * np.pi))
+        # The light falls before the lens blurs what it shows.
+        return (self.grey[0] + step * ndtr(far / blur)) * (1.0 + grows * far) + grows * blur**2 * slope
 
     def measure(
         self, image: Any, ratio: float = 1.0, room_px: float = 9.0, gain: float | None = None, grows: float = 0.0

@@ -94,11 +94,8 @@ def test_templates_are_the_weighted_least_squares_of_the_linear_model(blur_px: f
 @pytest.mark.parametrize("ratio", [1.0, 6.0])
 def test_shifts_to_either_side_are_calibrated(ratio: float) -> None:
     blur_px = 0.6
-    templates, table, grid = (
-        filled(blur_px, ratio=ratio),
-        table_of(blur_px),
-        np.arange(STEP_ROWS) / STEP_PER_PX - STEP_REACH_PX,
-    )
+    templates, table = filled(blur_px, ratio=ratio), table_of(blur_px)
+    grid = np.arange(STEP_ROWS) / STEP_PER_PX - STEP_REACH_PX
     taps, square, cube = int(templates.taps[0]), *templates.bent[0]
     for shift in (-0.25, -0.1, 0.03, 0.2):
         found = []

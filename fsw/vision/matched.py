@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from fsw.vision.ahead import ask
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.edges import BLUR, COMMON, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
+from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
 from fsw.vision.hot import full_scale
 from fsw.vision.lanes import LANES
 from fsw.vision.rig import norm
-from fsw.vision.settling import LEAST_NOISE
+from fsw.vision.settling import tell_noise
 from fsw.vision.sides import (
     CLIPPED_SHARE,
     MIN_CONTRAST,
@@ -56,11 +56,10 @@ from fsw.vision.templates import (
     table_of,
 )
 from fsw.vision.weighing import TAKEN, add_strips, weigh_others, weigh_strips
-from wingbeat.kernels import inline_kernel, tick_kernel
+from wingbeat.kernels import inline_kernel
 
 SEGMENT_STRIPS = 4  # that a segment has at least
 JUDGED = 16  # one of so many strips is asked for what the model leaves over
-HOTTER = 3.0  # times the noise expected on a side: more is a hot pixel's
 
 
 @inline_kernel
@@ -221,8 +220,8 @@ def match_segments(
             if found > 0:
                 differences = 2.0 * each * judged  # of neighbouring pixels, each a sum of columns
                 cell, line = level / found, (level + sign * contrast) / found
-                _pool_noise(pooled, lens.noise, cell, (cell_noise + noise[row, INSIDE]) / differences, judged)
-                _pool_noise(pooled, lens.noise, line, (line_noise + noise[row, LINE]) / differences, judged)
+                tell_noise(pooled, lens.noise, cell, (cell_noise + noise[row, INSIDE]) / differences, judged)
+                tell_noise(pooled, lens.noise, line, (line_noise + noise[row, LINE]) / differences, judged)
             break
         # Every strip is asked, and none that shows a stain or a glint's rim is taken.
         most = NOISIER * (taps - COLUMNS) * least_noise(segments, sums, found, gain)
@@ -236,16 +235,3 @@ def match_segments(
     by_blur = -scratch.templates.gain[row] * scratch.templates.blurred[row]
     by_added = abs(gain) * (lit_cell + lit_line) * inverse / good
     return Side(pieces, found, contrast / good, level / good, by_light / good, by_added, by_blur, 0.0)
-
-
-@tick_kernel
-def _pool_noise(pooled: FloatArray, noise: FloatArray, grey: float, variance: float, count: float) -> None:
-    """Add to what is pooled of the noise what so many pixels of a grey value say of it, less what a hot one says."""
-    expected = noise[0] + noise[1] * max(grey, 0.0)
-    weight = count / (expected * expected)
-    if noise[0] > LEAST_NOISE or noise[1] > 0.0:  # it has been learned
-        variance = min(variance, HOTTER * expected)
-    for i, value in enumerate((1.0, grey, grey * grey)):
-        pooled[COMMON, i] += weight * value
-    for i, value in enumerate((variance, variance * grey)):
-        pooled[COMMON + 1, i] += weight * value

@@ -132,9 +132,9 @@ def measure_cells(
             reach = WINDOW_SIGMAS * lens.blur_px + WINDOW_PX
             inner = min(reach, OWN_SHARE * extent)
             if beside < 0:
-                # What lies beyond, a hinge for one, must not bleed in; but the step must show.
-                clear = max(width - FAR_SIGMAS * lens.blur_px, STEP_SIGMAS * lens.blur_px)
-                outer, bar = min(reach, clear), (0.0, 0.0)
+                # What lies beyond, as a hinge, must not bleed in, but the step must show.
+                outer, bar = max(width - FAR_SIGMAS * lens.blur_px, STEP_SIGMAS * lens.blur_px), (0.0, 0.0)
+                outer = min(reach, outer)
             elif width > reach + 3.0 * lens.blur_px:
                 outer, bar = reach, (0.0, 0.0)  # a wide line is a plateau: its far side tells nothing
             else:

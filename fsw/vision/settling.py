@@ -12,6 +12,7 @@ from wingbeat.kernels import tick_kernel
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
 LEAST_NOISE = 1.0 / 12.0  # grey values squared
+HOTTER = 3.0  # times the noise expected of a side's pixels: more is a hot one's
 AGAIN = 0.01  # a correction larger than this, in px of blur or relative width, is taken over and all measured again
 LINEAR = 0.05  # of a blur that is wrong: what it pulls centres by beyond what the models, linear in it, know
 
@@ -33,6 +34,23 @@ def correct(pooled: FloatArray, step: FloatArray) -> None:
             step[i] = right / own
         if pooled[j, OWN] > 0.0:
             step[j] = (pooled[j, RIGHT] - pooled[j, CROSS] * step[i]) / pooled[j, OWN]
+
+
+@tick_kernel
+def tell_noise(pooled: FloatArray, noise: FloatArray, grey: float, variance: float, count: float) -> None:
+    """Add to the pooled noise what so many pixels of a grey value tell: their variance, less what a hot one adds.
+
+    noise (2,): known before.
+    """
+    expected = noise[0] + noise[1] * max(grey, 0.0)
+    weight = count / (expected * expected)
+    if noise[0] > LEAST_NOISE or noise[1] > 0.0:  # it has been learnt
+        variance = min(variance, HOTTER * expected)
+    value = weight
+    for i in range(3):
+        pooled[COMMON, i] += value
+        pooled[COMMON + 1, i] += value * variance
+        value *= grey
 
 
 @tick_kernel
