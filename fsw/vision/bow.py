@@ -24,6 +24,7 @@ from fsw.vision.stereo import Points
 from wingbeat.kernels import tick_kernel
 
 KINK_SIGMA_MM = 10.0  # how far a kink may move the wing half its length beyond the fold
+STEP_SIGMA_MM = 0.1  # and how far a hinge that does not lie in its gap's middle makes it lie higher beyond the fold
 CLOSER = 0.1  # so much closer than to the surface points may lie to one with kinks
 
 
@@ -50,6 +51,7 @@ def make_bow(grid: CellGrid, surface: Surface) -> Bow:
     ends = _with_kinks(grid, side_mm, sides)
     count = basis.shape[1]
     prior = np.full(count, (CLOSER * POINT_SIGMA_MM / KINK_SIGMA_MM) ** 2)
+    prior[count - len(grid.folds_mm) :] = (CLOSER * POINT_SIGMA_MM / STEP_SIGMA_MM) ** 2
     prior[:BENDING] = CLOSER**2 * surface.point_prior[RIGID : RIGID + BENDING]
     tilt = np.ascontiguousarray(ends[:, :2] - ends[:, 2:])
     equations = np.zeros((count, count)), np.zeros(count)
@@ -57,9 +59,14 @@ def make_bow(grid: CellGrid, surface: Surface) -> Bow:
 
 
 def _with_kinks(grid: CellGrid, flat_mm: FloatArray, bending: FloatArray) -> FloatArray:
-    """Bending functions (..., BENDING) at places (..., 2) on the flat wing, and the kinks there."""
-    kinks = [np.maximum(flat_mm[..., 0] - fold, 0.0) / (0.5 * grid.outline_mm[0]) for fold in grid.folds_mm]
-    return np.concatenate([bending, np.stack(kinks, axis=-1)], axis=-1) if kinks else bending
+    """Bending functions (..., BENDING) at places (..., 2) on the flat wing, and the kinks and steps there.
+
+    A kink that lies elsewhere in its gap, or two of them, are one in the middle and a step to all cells.
+    """
+    beyond = [flat_mm[..., 0] - fold for fold in grid.folds_mm]
+    kinks = [np.maximum(x, 0.0) / (0.5 * grid.outline_mm[0]) for x in beyond]
+    steps = [(x > 0.0).astype(np.float64) for x in beyond]
+    return np.concatenate([bending, np.stack(kinks + steps, axis=-1)], axis=-1) if kinks else bending
 
 
 @tick_kernel
