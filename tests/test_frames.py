@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fsw.vision import frames
-from fsw.vision.frames import KNOWN_FRAMES, STAGGER, FrameCheck, Unfit, is_full_scale
+from fsw.vision.frames import KNOWN_FRAMES, STAGGER, FrameCheck, Unfit
+from fsw.vision.hot import is_full_scale, shown_full_scale
 from hal.frame import make_frames
 from sim.world import World
 
@@ -192,3 +193,16 @@ def test_the_figures_are_those_of_the_sample(seed: int, dtype: Any, rows: int) -
     assert checked.figures[frames.REPEATED] == pytest.approx((now == before).mean())
     expected = (now == before)[inside].mean() if inside.any() else 1.0
     assert checked.figures[frames.REPEATED_INSIDE] == pytest.approx(expected)
+
+
+def test_the_brightest_pixels_tell_at_which_value_light_is_cut_off() -> None:
+    image = np.full((64, 48), 700, np.uint16)
+    assert shown_full_scale(image) == 65535
+    image[20:30, 10:20] = 4095  # a converter of 12 bits
+    assert shown_full_scale(image) == 4095
+    image[20:30, 10:20] = 4095 << 4  # and one that fills its word from above
+    assert shown_full_scale(image) == 4095 << 4
+    image[40, 3] = 4000  # what is brightest is no converter's end
+    image[20:30, 10:20] = 4000
+    assert shown_full_scale(image) == 65535
+    assert shown_full_scale(np.full((8, 8), 30, np.uint8)) == 255

@@ -20,9 +20,9 @@ KINK_MM = 0.5  # at the first fold: what 500 N m/rad yield under this bend
 BLUR_PX = 0.6
 
 
-def height_mm(grid: CellGrid, xy: FloatArray, kink_mm: float = KINK_MM) -> FloatArray:
+def height_mm(grid: CellGrid, xy: FloatArray, kink_mm: float = KINK_MM, hinge_mm: float = 0.0) -> FloatArray:
     x, y = xy[..., 0] / (0.5 * grid.outline_mm[0]) - 1.0, xy[..., 1] / (0.5 * grid.outline_mm[1])
-    fold = grid.folds_mm[0] / (0.5 * grid.outline_mm[0]) - 1.0
+    fold = (grid.folds_mm[0] + hinge_mm) / (0.5 * grid.outline_mm[0]) - 1.0
     bent = BEND_MM * x * x + TWIST_MM * x * y + CUBIC_MM * x * x * y + ACROSS_MM * y * y
     return bent + kink_mm * np.maximum(x - fold, 0.0)
 
@@ -58,14 +58,16 @@ def test_folds_lie_in_the_middle_between_panels() -> None:
     assert grid.folds_mm == pytest.approx([0.5 * (ends[0][1] + ends[1][0]), 0.5 * (ends[1][1] + ends[2][0])])
 
 
-def test_a_kink_at_a_fold_is_not_taken_for_curvature() -> None:
+@pytest.mark.parametrize("hinge_mm", [0.0, -4.0, 4.0])
+def test_a_kink_at_a_fold_is_not_taken_for_curvature_wherever_in_the_gap_the_hinge_lies(hinge_mm: float) -> None:
     grid, normal = three_panels(), make_normal(three_panels().count)
     seen = (grid.centre_mm[:, 0] > 410.0) & (grid.centre_mm[:, 0] < 1020.0)  # what the paper's cameras see
     for R in (np.eye(3), rotation(20.0, -10.0, 5.0)):
         surface = make_surface(grid)
         set_pose(surface, R, np.array([0.0, 0.0, 725.0]))
         bow = make_bow(grid, surface)
-        places = np.column_stack([grid.centre_mm, height_mm(grid, grid.centre_mm)]) @ R.T + surface.translation_mm
+        z = height_mm(grid, grid.centre_mm, 10.0 * KINK_MM, hinge_mm)
+        places = np.column_stack([grid.centre_mm, z]) @ R.T + surface.translation_mm
         points = points_at(places, seen)
         fit_surface(surface, points.xyz_mm, points.sigma_mm, points.valid, 2.0, normal, np.zeros(grid.count))
         bow.factor[:] = 0.0

@@ -9,11 +9,11 @@ import pytest
 from scipy.special import ndtr
 from test_vision_edges import table_of
 
-from fsw.vision.edges import BLUR, OWN, RIGHT, make_scratch
+from fsw.vision.edges import BLUR, OWN, RIGHT, Scratch, make_scratch
 from fsw.vision.lanes import LANES, ROWS, TAPS, make_column_reader, make_row_reader, make_window_finder
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
-from fsw.vision.sides import UNSETTLED_PX, Lens, Side, inset_px, share_noise, straight_side
+from fsw.vision.sides import UNSETTLED_PX, Lens, Side, fit_segments, inset_px, share_noise, straight_side
 from fsw.vision.strips import (
     MOST_STRIPS,
     Way,
@@ -27,6 +27,7 @@ from fsw.vision.strips import (
 )
 from fsw.vision.templates import COLUMNS, fill_templates
 from fsw.vision.weighing import FIRST, OTHERS, PRODUCTS, add_strips, weigh_others, weigh_strips
+from hal.frame import as_frame
 from wingbeat.kernels import kernel
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
@@ -230,10 +231,15 @@ class Edge:
         return good, middle - side.by_light * grows, variance
 
     def match(
-        self, image: Any, ratio: float = 1.0, room_px: float = 9.0, gain: float | None = None
+        self,
+        image: Any,
+        ratio: float = 1.0,
+        room_px: float = 9.0,
+        gain: float | None = None,
+        scratch: Scratch | None = None,
     ) -> tuple[tuple[bool, bool, float, float, float, float], Side]:
         """The straight line through its segments, and what these say together."""
-        scratch, lens = make_scratch(), self.lens
+        scratch, lens = scratch or make_scratch(), self.lens
         scratch.templates.noise[0] = 1.0, ratio
         across = np.abs(np.subtract(self.end, self.start)).max() / np.hypot(*np.subtract(self.end, self.start))
         fill_templates(lens.step, lens.blur_px, gain or float(across), room_px, 0, scratch.templates)
@@ -497,3 +503,35 @@ def test_light_laid_over_a_side_is_taken_off_it() -> None:
         shifts.append((shift, variance))
     (plain, _), (stained, variance) = shifts
     assert abs(stained - plain) < 3.0 * np.sqrt(variance)
+
+
+def test_a_line_cut_off_at_full_scale_tells_nothing_of_the_blur() -> None:
+    whole, cut = (Edge(grey=(30.0, line)) for line in (200.0, 320.0))
+    for edge, told in ((whole, True), (cut, False)):
+        image, scratch = eight_bits(edge.light()), make_scratch()
+        scratch.full[0] = 255
+        edge.match(image, scratch=scratch)
+        assert (scratch.pooled[BLUR, OWN] > 0.0) == told
+        scratch.pooled[:] = 0.0
+        fit_segments(
+            image, edge.lens, edge.start, edge.end, edge.normal, (4.0, 4.0), (0.0, 0.0), 0.0, 0, 1.0, 1, scratch
+        )
+        assert (scratch.pooled[BLUR, OWN] > 0.0) == told
+
+
+def test_a_finger_beside_a_side_leaves_it_as_unsure_as_it_is_off() -> None:
+    """It lies beside all segments alike, so that their number makes nothing surer."""
+    edge, rng = Edge(), np.random.default_rng(3)
+    middle = np.stack(np.meshgrid(np.arange(320.0), np.arange(300.0)), axis=-1).reshape(-1, 2)
+    finger = 40.0 * np.exp(-0.5 * ((edge._far(middle) + 3.3) / 0.7) ** 2).reshape(300, 320)
+    noise = rng.normal(size=finger.shape)
+    _, clean = edge.match(eight_bits(edge.light() + noise))
+    (good, _, off, _, variance, _), side = edge.match(eight_bits(edge.light() + finger + noise))
+    assert good and clean.alike_px2 == 0.0
+    assert abs(off) > 5.0 * np.sqrt(variance)
+    assert abs(off) < 4.0 * np.sqrt(variance + side.alike_px2)
+
+
+def eight_bits(light: FloatArray) -> Any:
+    """Rounded to 8 bits, in memory as a camera leaves it."""
+    return as_frame(np.clip(np.rint(light), 0.0, 255.0).astype(np.uint8))

@@ -14,6 +14,7 @@ from fsw.vision.cells import centres_of, quadrilaterals, refine
 from fsw.vision.clustering import Image
 from fsw.vision.enhancement import metric_view, visible_region
 from fsw.vision.grid import CellGrid
+from fsw.vision.hot import shown_full_scale
 from fsw.vision.identity import Assignment, Table, assignments, fitting, tables
 from fsw.vision.lattice import Lattice, link
 from fsw.vision.ridges import local_cells
@@ -171,8 +172,7 @@ def _detect(
         outside = corners + (corners - middle) * (4.0 * mm_per_px / np.linalg.norm(corners - middle, axis=2))[..., None]
         found.append(corners[inside(view, outside).all(axis=1)])
     corners = np.concatenate(found)
-    scale = float(np.iinfo(image.dtype).max)
-    return EyeCells(view, corners, view.ideal_px(centres_of(corners)), scale)
+    return EyeCells(view, corners, view.ideal_px(centres_of(corners)), float(shown_full_scale(image)))
 
 
 def _lattices(corners_mm: FloatArray, table: Sequence[Table], grid: CellGrid) -> list[Lattice]:

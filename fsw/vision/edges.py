@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.vision.ahead import make_ahead
-from fsw.vision.hot import full_scale, is_hot
+from fsw.vision.hot import is_hot
 from fsw.vision.strips import Strips, make_strips
 from fsw.vision.templates import MOST_SEGMENTS, Templates, make_templates
 from wingbeat.kernels import tick_kernel
@@ -91,6 +91,7 @@ class Scratch(NamedTuple):
     ahead: NDArray[np.int64]  # (7,) see `look_ahead`
     quad: Quad
     sizes: FloatArray  # (2, SIZE_SUMS) of the whole cells' extents, see standing_in
+    full: NDArray[np.int64]  # (1,) value at which the image is cut off, see shown_full_scale
 
 
 def make_scratch() -> Scratch:
@@ -100,7 +101,9 @@ def make_scratch() -> Scratch:
     side = np.zeros((SEGMENTS, 4)), np.zeros(SEGMENTS), np.zeros(SEGMENTS)
     pooled = np.zeros((FRESH_ROWS, 3)), np.zeros((POOLED_ROWS, 3))
     sizes = np.zeros((2, SIZE_SUMS))
-    return Scratch(*fit, *side, *pooled, make_templates(), make_strips(), make_ahead(), make_quad(), sizes)
+    return Scratch(
+        *fit, *side, *pooled, make_templates(), make_strips(), make_ahead(), make_quad(), sizes, np.full(1, 65535)
+    )
 
 
 @tick_kernel
@@ -160,7 +163,7 @@ def gather(
     lo, hi = (a0, a1) if a0 < a1 else (a1, a0)
     reach_in, reach_out = inner_px / abs(gain), outer_px / abs(gain)
     before, after = (reach_in, reach_out) if gain > 0 else (reach_out, reach_in)
-    inside, full, taken, cut_off = True, full_scale(image), 0, 0
+    inside, full, taken, cut_off = True, scratch.full[0], 0, 0
     for a in range(math.ceil(lo), math.floor(hi) + 1, stride):
         if a < 0 or a >= limit_along:
             inside = False
@@ -172,7 +175,7 @@ def gather(
             start, stop = max(start, 0), min(stop, limit_across - 1)
         for c in range(start, stop + 1):
             x, y = (a, c) if vertical else (c, a)
-            if without_hot and is_hot(image, x, y):
+            if without_hot and is_hot(image, x, y, full):
                 continue
             distance = (c - centre) * gain
             k = int((distance + inner_px) / BIN_PX)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.vision.hot import is_full_scale
 from wingbeat.kernels import tick_kernel
 
 STEP = 16  # one sample in each block of so many pixels, both ways; smaller blocks where an image is small
@@ -21,7 +22,6 @@ BAND_SHARE = 0.5  # of a band's samples that may repeat in a frame that changed
 FRAME_SHARE = 0.9  # the same of all samples; near a turning point without noise more of them do
 LEAST_SAMPLES = 16  # a band with fewer samples says nothing
 DARK_SHARE, BRIGHT_SHARE = 0.01, 0.99
-FULL_SCALE = 255  # of the coarsest converter
 SPREAD, MEDIAN, MIDDLE, TOP, TOP_SHARE, REPEATED, REPEATED_INSIDE = range(7)
 
 
@@ -92,15 +92,6 @@ class FrameCheck:
         if figures[REPEATED] == 1.0 and self._changing >= KNOWN_FRAMES:
             return Unfit.STUCK
         return Unfit.TORN if torn(self._bands, self._lively) else Unfit.FIT
-
-
-def is_full_scale(value: int) -> bool:
-    """Whether a positive value is all ones of a converter of 8 bits or more, at either end of its word.
-
-    Without noise many pixels may share a brightest value; that alone does not say that they are clipped.
-    """
-    ones = value // (value & -value)
-    return ones >= FULL_SCALE and ones & (ones + 1) == 0
 
 
 @tick_kernel

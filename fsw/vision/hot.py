@@ -12,19 +12,38 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 FloatArray = NDArray[np.float64]
 
 HOT_RUN = 2  # rows side by side that may be hot
+FULL_SCALE = 255  # of the coarsest converter
+ROWS_APART = 8  # one of so many rows tells the brightest value: what is cut off is larger
 LEAST_LINE_PX = HOT_RUN + 2.0  # of a line along rows, that it should not look like hot rows itself
 
 
-@tick_kernel
-def full_scale(image: Image) -> int:
-    """Largest value of an 8 or 16 bit pixel."""
-    return 255 if image.itemsize == 1 else 65535
+def is_full_scale(value: int) -> bool:
+    """Whether a positive value is all ones of a converter of 8 bits or more, at either end of its word.
+
+    Without noise many pixels may share a brightest value; that alone does not say that they are clipped.
+    """
+    ones = value // (value & -value)
+    return ones >= FULL_SCALE and ones & (ones + 1) == 0
+
+
+_is_full_scale = tick_kernel(is_full_scale)
 
 
 @tick_kernel
-def is_hot(image: Image, x: int, y: int) -> bool:
-    """Whether a pixel is a hot row's."""
-    full = full_scale(image)
+def shown_full_scale(image: Image) -> int:
+    """Value at which an image (h, w) is cut off: fewer than 16 bits may be filled, as the brightest pixels tell."""
+    if image.itemsize == 1:
+        return 255
+    top = 1
+    for y in range(0, image.shape[0], ROWS_APART):
+        for x in range(image.shape[1]):
+            top = max(top, int(image[y, x]))
+    return top if _is_full_scale(top) else 65535
+
+
+@tick_kernel
+def is_hot(image: Image, x: int, y: int, full: int) -> bool:
+    """Whether a pixel is a hot row's; full: see shown_full_scale."""
     if image[y, x] < full:
         return False
     run = 1
@@ -36,7 +55,7 @@ def is_hot(image: Image, x: int, y: int) -> bool:
 
 
 @tick_kernel
-def runs_along_hot_row(image: Image, start: FloatArray, end: FloatArray, reach_px: float) -> bool:
+def runs_along_hot_row(image: Image, start: FloatArray, end: FloatArray, reach_px: float, full: int) -> bool:
     """Whether a hot row lies nearer than reach_px to a side between two places (2,) in the image that runs along rows.
 
     A row is hot that is so in three places from end to end of the side. One that crosses a side spoils a single sample
@@ -50,7 +69,7 @@ def runs_along_hot_row(image: Image, start: FloatArray, end: FloatArray, reach_p
     for y in range(first, last + 1):
         hot = True
         for share in (0.25, 0.5, 0.75):
-            hot = hot and is_hot(image, int(min(max(x0 + share * (x1 - x0), 0.0), width - 1.0)), y)
+            hot = hot and is_hot(image, int(min(max(x0 + share * (x1 - x0), 0.0), width - 1.0)), y, full)
         if hot:
             return True
     return False

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from fsw.vision.ahead import ask
 from fsw.vision.blur import PIXEL_VARIANCE
 from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
-from fsw.vision.hot import full_scale
 from fsw.vision.lanes import LANES
+from fsw.vision.profile import MISFIT
 from fsw.vision.rig import norm
 from fsw.vision.settling import tell_noise
 from fsw.vision.sides import (
@@ -23,7 +23,7 @@ from fsw.vision.sides import (
     is_settled,
     share_noise,
 )
-from fsw.vision.stains import is_clipped, is_even, least_noise, take_off_light
+from fsw.vision.stains import UNSURE, feigned_alike, is_clipped, is_even, least_noise, take_off_light
 from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
 from fsw.vision.templates import (
     ACROSS,
@@ -168,13 +168,15 @@ def match_segments(
     sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
-    full, even, most, product2 = float(full_scale(image)), True, math.inf, scale[row, PHASES // 2, SHIFT] ** 2
+    full, product2 = float(scratch.full[0]), scale[row, PHASES // 2, SHIFT] ** 2
+    even, doubtful, most = True, False, math.inf
     for judged_each in (JUDGED, 1):
         cell_noise, line_noise, judged = -noise[row, INSIDE], -noise[row, LINE], 0.0
         match_strips(
             scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
         )
         found, contrast, level, by_light, inverse, blur_num, blur_den = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        scatter, rests, freedoms, stiff = 0.0, 0.0, 0.0, 0.0
         ended = 0
         for piece in range(pieces):
             begun, ended, judged = ended, way.strips * (piece + 1) // pieces, judged + sums[piece, JUDGES]
@@ -189,6 +191,8 @@ def match_segments(
             # A few strips may agree by luck: what no template explains across them tells the same noise.
             squares = sums[piece, CC] - shift * bc + rest
             variance = squares / ((count - 1.0 + freedom) * bb)
+            scatter, stiff = scatter + (squares - rest) / (count - 1.0), stiff + bb / count
+            rests, freedoms = rests + rest, freedoms + freedom
             shift = (shift - seeming) / slowed
             shift = shift * (1.0 + square * shift + cube * shift * shift)
             away = abs(gain) * shift
@@ -200,20 +204,21 @@ def match_segments(
             # Of a pixel as bright as the edge's middle: where light is laid over, there is more noise.
             brightness = max(cell + 0.5 * sign * step, 0.0)
             segments[found, 3] = gain * gain / bb * (lens.noise[0] + lens.noise[1] * brightness)
-            if abs(away) < PROBE_PX:
+            clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
+            if abs(away) < PROBE_PX and not clipped:
                 # To second order a shift looks like blur: the change with blur is blur times the second derivative.
                 off = away * away / (2.0 * lens_px) + wider
                 blur_num += (sums[piece, BLUR_NUM] - sums[piece, BLUR_DEN] * off) / each
                 blur_den += sums[piece, BLUR_DEN] / each
             by_light += abs(gain) * (lit_cell * cell / (sign * step) + lit_line * (1.0 + cell / (sign * step))) - whole2
             contrast, level, inverse = contrast + step, level + cell, inverse + sign / step
-            clipped = is_clipped(scratch.strips, way, begun, full) or is_clipped(scratch.strips, way, ended - 1, full)
             sums[piece, CUT] = lens.blur_px * CLIPPED_SHARE if clipped else 0.0
             for k in range(SUMS if found < piece else 0):
                 sums[found, k] = sums[piece, k]
             found += 1
         share_noise(segments, found)
-        even = even and (is_even(segments, sums, found, gain) or not is_settled(blur_num, blur_den))
+        doubtful = doubtful or not is_even(segments, sums, found, gain)
+        even = even and not (doubtful and is_settled(blur_num, blur_den))
         if even:
             pooled[EACH * row + BLUR, RIGHT] += blur_num
             pooled[EACH * row + BLUR, OWN] += blur_den
@@ -225,13 +230,17 @@ def match_segments(
             break
         # Every strip is asked, and none that shows a stain or a glint's rim is taken.
         most = NOISIER * (taps - COLUMNS) * least_noise(segments, sums, found, gain)
+    alike = feigned_alike(segments, sums, found, gain) if doubtful else 0.0
     if not even:
         take_off_light(segments, sums, found, gain)
-        by_light = 0.0
+        alike, by_light = UNSURE * alike, 0.0
     for i in range(found):
         segments[i, 2] += sums[i, CUT] ** 2
     good = max(found, 1)
+    # What no template explains across all strips, beyond noise, may shift them all alike.
+    misfit = rests / max(freedoms, 1.0) - MISFIT * scatter / good
+    alike2 = alike * alike + (gain * gain * misfit * good / stiff if misfit > 0.0 and stiff > 0.0 else 0.0)
     # Templates blurred by 1 px more would show the edge shifted.
     by_blur = -scratch.templates.gain[row] * scratch.templates.blurred[row]
     by_added = abs(gain) * (lit_cell + lit_line) * inverse / good
-    return Side(pieces, found, contrast / good, level / good, by_light / good, by_added, by_blur, 0.0)
+    return Side(pieces, found, contrast / good, level / good, by_light / good, by_added, by_blur, 0.0, alike2)

@@ -21,7 +21,7 @@ from fsw.vision.edges import (
     Image,
     Scratch,
 )
-from fsw.vision.hot import runs_along_hot_row
+from fsw.vision.hot import runs_along_hot_row, shown_full_scale
 from fsw.vision.light import ROUNDED_FITTED, ROUNDED_MATCHED, add_rounding, correct_light, rounding
 from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
@@ -84,7 +84,7 @@ def measure_cells(
     is not found. size (2, 2): of the cells, see `standing_in`; what they tell of it is left in scratch.
     """
     sign = 1.0 if dark else -1.0
-    scratch.pooled[:] = 0.0
+    scratch.pooled[:], scratch.full[0] = 0.0, shown_full_scale(image)
     for row in range(2):
         gain, plateau = mean_gain(expected_px, wanted, row), least_plateau(expected_px, wanted, line_ratio, row)
         room = plateau - FAR_SIGMAS * lenses[row].blur_px - MATCHED_PX
@@ -144,7 +144,7 @@ def measure_cells(
             # Templates need half a window of plateau on either side.
             half = 0.5 * scratch.templates.taps[row]
             plain = half > 0.0 and half + MATCHED_PX <= min(width - FAR_SIGMAS * lens.blur_px, OWN_SHARE * extent)
-            plain = plain and not runs_along_hot_row(image, seen[k], seen[k1], half + 1.0)
+            plain = plain and not runs_along_hot_row(image, seen[k], seen[k1], half + 1.0, scratch.full[0])
             settled = MATCHED_PX if plain else RECENTRE_PX
             lean = max(sample_lean(c, k, k3), sample_lean(c, k, k2))
             of_width = scratch.pooled[EACH * row + WIDTH]
@@ -185,12 +185,12 @@ def measure_cells(
                     break
                 continue
             weight[k], cross[k] = of_width[OWN] - weight[k], of_width[CROSS] - cross[k]
-            bright[k], level[k], by_light[k], by_added[k], by_blur[k], by_width[k] = side[2:]
+            bright[k], level[k], by_light[k], by_added[k], by_blur[k], by_width[k], alike2 = side[2:]
             by_blur[k] -= scratch.templates.slowed[row] * dm if plain else 0.0  # and what it moved by larger
             moved = (ROUNDED_MATCHED if plain else ROUNDED_FITTED) * lens.blur_px / bright[k]
             rounded[k] = moved * rounding(lens.noise, level[k])
             by_line = moved * rounding(lens.noise, level[k] + sign * bright[k])
-            middle[k], slope[k], variance[k] = m, s, v + MODEL_PX * MODEL_PX + by_line * by_line
+            middle[k], slope[k], variance[k] = m, s, v + alike2 + MODEL_PX * MODEL_PX + by_line * by_line
             squares, contrast, firm = squares + r * r, contrast + bright[k], firm and sure
         if hidden > 0:
             _copy(agreed, scratch.pooled)  # whatever hides a side may also lie over the others

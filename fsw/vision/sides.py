@@ -61,6 +61,7 @@ class Side(NamedTuple):
     by_added: float
     by_blur: float
     by_width: float
+    alike_px2: float  # variance that all segments have in common, which no mean over them lessens
 
 
 @tick_kernel
@@ -118,7 +119,7 @@ def fit_segments(
     # Short sides have few columns: take more of them.
     stride = int(max(1.0, min(float(stride), (length - 2.0 * inset) / (pieces * SEGMENT_COLUMNS))))
     wide = widths_px[0] == 0.0 or min(widths_px[0], widths_px[1]) > LEAST_LINE_PX
-    misfit, feigned2, chi2 = scratch.misfit, scratch.feigned2, 0.0
+    misfit, feigned2, feigned, chi2 = scratch.misfit, scratch.feigned2, 0.0, 0.0
     found, contrast, level, by_light, by_added, by_blur, by_width = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     blur_right, blur_own = 0.0, 0.0
     for piece in range(pieces):
@@ -147,22 +148,26 @@ def fit_segments(
             scratch.segments[found, 3] = fit.expected_px2
             misfit[found] = fit.misfit_px2 + ((CLIPPED_SHARE * blur) ** 2 if cut_off else 0.0)
             feigned2[found] = fit.added_px**2
+            feigned += fit.added_px
             chi2 += fit.added_chi2
             contrast, level = contrast + step, level + fit.inside
             by_blur, by_width = by_blur + fit.blur_pull, by_width + fit.width_pull_px
             by_light, by_added = by_light + fit.light_pull_px2, by_added + fit.added_pull_px2
             blur_right, blur_own = blur_right + scratch.fresh[BLUR, RIGHT], blur_own + scratch.fresh[BLUR, OWN]
-            _pool(scratch, row)
+            if not cut_off:  # a line cut off at full scale looks wider, and its edges sharper
+                _pool(scratch, row)
             found += 1
     share_noise(scratch.segments, found)
-    even = is_noise(chi2, found) or not is_settled(blur_right, blur_own)
+    doubtful = not is_noise(chi2, found)
+    even = not doubtful or not is_settled(blur_right, blur_own)
     for i in range(found):  # what is quieter than the eye's noise is so by luck
         scratch.segments[i, 2] = max(scratch.segments[i, 2], scratch.segments[i, 3]) + misfit[i]
         if not even:
             scratch.segments[i, 2] += feigned2[i]
     good = max(found, 1)
-    of_light = by_light / good, by_added / good
-    return Side(pieces, found, contrast / good, level / good, *of_light, by_blur / good, by_width / good)
+    of_light, of_blur = (by_light / good, by_added / good), (by_blur / good, by_width / good)
+    alike2 = (feigned / good) ** 2 if doubtful else 0.0
+    return Side(pieces, found, contrast / good, level / good, *of_light, *of_blur, alike2)
 
 
 @tick_kernel

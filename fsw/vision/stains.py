@@ -51,13 +51,32 @@ def least_noise(segments: FloatArray, sums: FloatArray, found: int, gain: float)
 
 
 @tick_kernel
+def feigned_alike(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> float:
+    """Mean of what light laid over the edge feigns in the segments (found, 4), px: what a finger beside all of it does.
+
+    What all segments have alike no mean over them lessens.
+    """
+    alike, near = 0.0, 0
+    for i in range(found):
+        if abs(segments[i, 1]) <= PROBE_PX:
+            alike, near = alike + _feigned(sums, i, gain), near + 1
+    return alike / max(near, 1)
+
+
+@tick_kernel
 def take_off_light(segments: FloatArray, sums: FloatArray, found: int, gain: float) -> None:
     """Take off the segments' offsets (found, 4) what light laid over the edge feigns, and widen them by its noise."""
     for i in range(found):
         if abs(segments[i, 1]) > PROBE_PX:
             continue
-        judged, step = sums[i, JUDGES], sums[i, B] / sums[i, COUNT]
-        feigned = abs(gain) * sums[i, OFF] / (judged * step)
+        feigned = _feigned(sums, i, gain)
         segments[i, 1] -= feigned
+        judged, step = sums[i, JUDGES], sums[i, B] / sums[i, COUNT]
         noise2 = segments[i, 2] * sums[i, BB] * sums[i, OFF_VARIANCE] / (judged * step) ** 2
         segments[i, 2] += noise2 + (UNSURE * feigned) ** 2
+
+
+@tick_kernel
+def _feigned(sums: FloatArray, i: int, gain: float) -> float:
+    """What the light laid over segment i feigns, px."""
+    return abs(gain) * sums[i, OFF] * sums[i, COUNT] / (sums[i, JUDGES] * sums[i, B])
