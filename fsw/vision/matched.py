@@ -3,11 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fsw.vision.ahead import ask
 from fsw.vision.blur import PIXEL_VARIANCE
-from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, FloatArray, Image, Scratch
+from fsw.vision.edges import BLUR, EACH, OWN, RIGHT, SEGMENTS, Image, Scratch
 from fsw.vision.lanes import LANES
 from fsw.vision.profile import MISFIT
 from fsw.vision.rig import norm
@@ -24,7 +23,7 @@ from fsw.vision.sides import (
     share_noise,
 )
 from fsw.vision.stains import UNSURE, feigned_alike, is_clipped, is_even, least_noise, take_off_light
-from fsw.vision.strips import Point, Strips, Way, column_of, drift_variance, follow, read_strips, way_along
+from fsw.vision.strips import Point, Way, column_of, drift_variance, follow, read_strips, way_along
 from fsw.vision.templates import (
     ACROSS,
     BB,
@@ -64,33 +63,22 @@ JUDGED = 16  # one of so many strips is asked for what the model leaves over
 
 @inline_kernel
 def match_strips(
-    strips: Strips,
-    way: Way,
-    row: int,
-    pieces: int,
-    judged_each: int,
-    most: float,
-    weight: NDArray[np.float32],
-    own: NDArray[np.float32],
-    scale: FloatArray,
-    noise: FloatArray,
-    sums: FloatArray,
-    image: Image,
-    ahead: NDArray[np.int64],
+    image: Image, way: Way, row: int, pieces: int, judged_each: int, most: float, scratch: Scratch
 ) -> None:
-    """Match the strips of a side, and add them up piece by piece to sums (pieces, SUMS).
+    """Match the strips of a side with the templates of this row, and add them up piece by piece to their sums.
 
     judged_each: of so many strips side by side one is judged. most: squares that the model of a judged one may leave
-    over. row, weight, own (pixel_weight), scale, noise, sums: of Templates. Adds to the noise of their pixels. With
-    each piece, the image is asked for more of what is ahead.
+    over. Adds to the noise of their pixels. With each piece, the image is asked for more of what is ahead.
     """
+    strips, weight, own = scratch.strips, scratch.templates.weight, scratch.templates.pixel_weight
+    scale, noise, sums = scratch.templates.scale, scratch.templates.noise, scratch.templates.sums
     lines, starts, product, last = strips.lines, strips.start, strips.product, way.taps - 1
     table = np.uintp(table_of(row, way.outwards))
     for i in range(0, way.strips, LANES):
         weigh_strips(lines, starts, weight, table, strips.phase, strips.rest, product, np.uintp(i))
     ended = 0
     for piece in range(pieces):
-        ask(image, ahead)
+        ask(image, scratch.ahead)
         begun, ended = ended, way.strips * (piece + 1) // pieces
         judged, rest, blur_num, blur_den, cell = 0, 0.0, 0.0, 0.0, 0.0
         rises, bends, off, off_variance = 0.0, 0.0, 0.0, 0.0
@@ -148,8 +136,8 @@ def match_segments(
     lean_px: see inset_px.
     """
     intrinsics, distortion, pooled, segments = lens.intrinsics, lens.distortion, scratch.pooled, scratch.segments
-    weight, own, scale = scratch.templates.weight, scratch.templates.pixel_weight, scratch.templates.scale
-    noise, taps = scratch.templates.noise, scratch.templates.taps[row]
+    scale, sums, taps = scratch.templates.scale, scratch.templates.sums, scratch.templates.taps[row]
+    noise = scratch.templates.noise
     square, cube = scratch.templates.bent[row, 0], scratch.templates.bent[row, 1]
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = norm(dx, dy)
@@ -165,16 +153,13 @@ def match_segments(
     whole2, mean2 = lens.blur_px**2, scratch.templates.gain[row] ** 2
     wider = (mean2 * (whole2 / (gain * gain) + drift_variance(curve[2], each)) - whole2) / (2.0 * lens_px)
     seeming, slowed = scratch.templates.blurred[row] * wider, 1.0 + scratch.templates.slowed[row] * wider
-    sums = scratch.templates.sums
     read_strips(image, curve, way, scratch.strips)
     lit_cell, lit_line = scratch.templates.lit[row, INSIDE], scratch.templates.lit[row, LINE]
     full, product2 = float(scratch.full[0]), scale[row, PHASES // 2, SHIFT] ** 2
     even, doubtful, most = True, False, math.inf
     for judged_each in (JUDGED, 1):
         cell_noise, line_noise, judged = -noise[row, INSIDE], -noise[row, LINE], 0.0
-        match_strips(
-            scratch.strips, way, row, pieces, judged_each, most, weight, own, scale, noise, sums, image, scratch.ahead
-        )
+        match_strips(image, way, row, pieces, judged_each, most, scratch)
         found, contrast, level, by_light, inverse, blur_num, blur_den = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         scatter, rests, freedoms, stiff = 0.0, 0.0, 0.0, 0.0
         ended = 0

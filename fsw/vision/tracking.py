@@ -20,7 +20,7 @@ from fsw.vision.rig import StereoRig, eyes_of
 from fsw.vision.settling import LEAST_NOISE
 from fsw.vision.standing_in import SHAPE_SIGMA, drop_unseen, forget_size
 from fsw.vision.stereo import Points, make_points
-from fsw.vision.view import View, make_memory, measure_view
+from fsw.vision.view import View, make_view, measure_view
 
 ADAPTATION = 0.5  # share of a measured correction of blur and line width that is taken over in a tick
 SETTLING_CELLS = 100  # that a blur which has jumped is settled with, about: part of the wing is out of view
@@ -119,7 +119,7 @@ class Tracker:
         expected = self.expected_px[eye], self.deviation_px[eye], self._approach.depth_mm[eye]
         lines = self._approach.line_ratio, self.grid.neighbour
         learnt = self.width_scale[eye], self.cell_size[eye], self.blur_px[eye], self.noise[eye], self._correction[eye]
-        return View(*expected, *lines, *learnt, self.cells[eye], *make_memory())
+        return make_view(expected, lines, learnt, self.cells[eye])
 
     def _forget_sizes(self) -> None:
         for eye in (0, 1):

@@ -40,9 +40,14 @@ class View(NamedTuple):
     scratch: Scratch
 
 
-def make_memory() -> tuple[FloatArray, Scratch]:
-    """Take an eye's own memory: steps, and scratch."""
-    return np.zeros((2, STEP_ROWS, 3)), make_scratch()
+def make_view(
+    expected: tuple[FloatArray, FloatArray, FloatArray],
+    lines: tuple[FloatArray, NDArray[np.int64]],
+    learnt: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    cells: Cells,
+) -> View:
+    """Take the memory. expected: expected_px to depth_mm; lines: their ratio, neighbour; learnt: from width_scale."""
+    return View(*expected, *lines, *learnt, cells, np.zeros((2, STEP_ROWS, 3)), make_scratch())
 
 
 @tick_kernel
