@@ -67,8 +67,6 @@ class Injection:
     """Ticks that the fault lasts: least and most."""
     RECOVERY = 150
     """Ticks that the flight needs to measure again after its end, at most."""
-    BEFORE = 0
-    """Further ticks that the flight must have had before it."""
 
     def __init__(self, first: int, draw: np.random.Generator) -> None:
         least, most = self.LASTS
@@ -95,10 +93,6 @@ class Injection:
     def patience(self, entry: Entry, tick: int) -> bool:
         """Whether to wait for a long task."""
         return entry.done.wait()
-
-    def lines_hz(self) -> Sequence[float]:
-        """Frequencies that the fault adds to the motion, and that are none of the wing."""
-        return ()
 
 
 class Now(Protocol):

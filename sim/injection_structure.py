@@ -1,7 +1,5 @@
 """Faults of the structure: what moves otherwise than the wing did."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from sim.injection import Injection, Stage
@@ -60,10 +58,6 @@ class LampFlicker(MotionFault):
         amplitude_mm, phase = float(self.draw.uniform(0.5, 3.0)), float(self.draw.uniform(0.0, 2.0 * np.pi))
         span_s = (stage.time_s(self.first), stage.time_s(self.end))
         stage.world.motion.lines.append(Line(*span_s, 0, self.frequency_hz, amplitude_mm, phase))
-
-    def lines_hz(self) -> Sequence[float]:
-        """The line."""
-        return (self.frequency_hz,)
 
 
 class PanelLoose(MotionFault):

@@ -1,7 +1,7 @@
 """What hangs on the flight side's lines in a simulation: a controller on the bus, and the ground with its commands."""
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 from hal.bus import Payload
@@ -113,18 +113,3 @@ class MemoryLink:
         if not self.off:
             self.downlink += data
         return not self.off
-
-
-class CommandPlan:
-    """Frames that the ground sends, each delivered at the first tick not before its time."""
-
-    def __init__(self, frames: Iterable[tuple[int, int, bytes]], bus: ControllerBus) -> None:
-        """frames: time in ns, identifier, data; in any order."""
-        self._waiting = deque(sorted(frames, key=lambda frame: frame[0]))
-        self._bus = bus
-
-    def deliver(self, time_ns: int) -> None:
-        """Hand over what is due."""
-        while self._waiting and self._waiting[0][0] <= time_ns:
-            _, can_id, data = self._waiting.popleft()
-            self._bus.uplink.append((can_id, data))

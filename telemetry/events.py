@@ -83,7 +83,6 @@ _TASK = Argument("task", choices=_names(TaskNumber))
 _TABLE = Argument("table", choices=_names(TableNumber))
 _COPY = Argument("copy", choices=_names(TableCopy))
 _LIMIT = (Argument("point", choices=_POINTS), _SLOT, Argument("value"), Argument("limit"))
-_ON = Argument("on", choices={0: "off", 1: "on"})
 _COMMAND = Argument("command")
 
 # Application.

@@ -15,7 +15,6 @@ from telemetry.mavlink_packet import COMPONENT_ID, LONGEST_PACKET, SYSTEM_ID, Pa
 
 PLACES = 8 * LONGEST_PACKET
 """Bytes that may wait: more than a tick's share of any line that this is made for."""
-NAME_BYTES = 16
 
 
 class Sender(NamedTuple):

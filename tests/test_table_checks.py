@@ -14,7 +14,6 @@ from fsw.tables.schema import CamerasTable, Eye, WingTable
 from wingbeat.errors import InputError
 
 EYE = Eye(width=200, height=100, fx=300.0, fy=250.0, cx=90.0, cy=40.0, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
-MATRIX = np.array([[300.0, 0.0, 90.0], [0.0, 250.0, 40.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 
 from fsw.vision.lattice import link
 
-CELL, PITCH = (38.0, 20.0), (40.0, 22.0)
+CELL = (38.0, 20.0)
 OFFSETS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * CELL
 
 
