@@ -39,7 +39,7 @@ class Tasks(Protocol):
 
 
 class Flight(Protocol):
-    """What commands act on. causes: what protect takes at this tick; reset: count from 0 again."""
+    """What commands act on. causes: what protect takes at this tick."""
 
     mode: FlightMode
     causes: Cause

@@ -30,15 +30,14 @@ class Match:
     def __init__(self, state: State, table: VisionTable) -> None:
         self._state, self.table = state, table
         grid = state.tracker.grid
-        panel, column, row = grid.cell.T
+        panel, _, row = grid.cell.T
         panels = grid.panels
         self._pitch_mm = np.array([panels[p].pitch_mm for p in panel])
         # The boundary before a cell: where its panel begins along X (root or fold gap), and the lower one along Y.
         self._boundary_mm = np.array([panels[p].origin_mm for p in panel])
-        columns = np.cumsum([0, *(p.columns for p in panels)])
         rows = np.cumsum([0, *(p.rows for p in panels)])
-        self._column, self._row = columns[panel] + column, rows[panel] + row
-        self._work = make_matching(grid.count, int(max(columns[-1], rows[-1])))
+        self._column, self._row = grid.column, rows[panel] + row
+        self._work = make_matching(grid.count, int(max(grid.column[-1] + 1, rows[-1])))
         self._flat_mm = np.ascontiguousarray(grid.centre_mm)
         state.matched = np.zeros(grid.count, np.bool_)
 

@@ -14,7 +14,7 @@ class Cells(NamedTuple):
     """What is measured of all N cells in one eye, in ideal pixels; taken once, written every tick."""
 
     corners_px: FloatArray  # (N, 4, 2)
-    centre_px: FloatArray  # (N, 2) crossing of the diagonals: the projection of the cell's centre
+    centre_px: FloatArray  # (N, 2) projection of the middle of its corners, see corners_and_centre
     covariance_px2: FloatArray  # (N, 3) of the centre: xx, xy, yy
     pull: FloatArray  # (N, COMMON, 2) what more blur, and wider lines, would move the centre by, per px and their width
     residual_px: FloatArray  # (N,) rms of the segments about their straight sides

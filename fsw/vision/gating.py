@@ -73,6 +73,7 @@ def mean_sides(corners_px: FloatArray, wanted: NDArray[np.bool_]) -> tuple[float
 
 @tick_kernel
 def rms(values: FloatArray, valid: NDArray[np.bool_]) -> float:
+    """Root mean square of the valid values; NaN without any."""
     squares, count = 0.0, 0
     for n in range(values.shape[0]):
         if valid[n]:
