@@ -1,1 +1,1 @@
-"""Hardware abstraction: camera, trigger, clock, bus, store."""
+"""Hardware abstraction: camera, trigger, clock, bus, link, store, watchdog."""
