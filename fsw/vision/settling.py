@@ -12,6 +12,7 @@ from wingbeat.kernels import tick_kernel
 BLUR_RANGE_PX = (0.15, 4.0)
 WIDTH_RANGE = (0.7, 1.4)
 LEAST_NOISE = 1.0 / 12.0  # grey values squared
+JUMPED = 2.0  # times as much noise as was known, or as little: edges were weighed by another
 HOTTER = 3.0  # times the noise expected of a side's pixels: more is a hot one's
 AGAIN = 0.01  # a correction larger than this, in px of blur or relative width, is taken over and all measured again
 LINEAR = 0.05  # of a blur that is wrong: what it pulls centres by beyond what the models, linear in it, know
@@ -54,16 +55,18 @@ def tell_noise(pooled: FloatArray, noise: FloatArray, grey: float, variance: flo
 
 
 @tick_kernel
-def learn_noise(pooled: FloatArray, noise: FloatArray) -> None:
+def learn_noise(pooled: FloatArray, noise: FloatArray) -> bool:
     """Write noise (2,), variance of a pixel and its growth with the grey value, as the edges' residuals have it.
 
-    Shot noise makes it grow; rounding leaves no less than LEAST_NOISE. Without edges it stays.
+    Shot noise makes it grow; rounding leaves no less than LEAST_NOISE. Without edges it stays. Returns whether it has
+    jumped, as at the edges' mean grey value.
     """
     n0, n1, n2 = pooled[COMMON]
     t0, t1, _ = pooled[COMMON + 1]
     det = n0 * n2 - n1 * n1
     if det <= 1e-9 * n0 * n2:
-        return
+        return False
+    before = noise[0] + noise[1] * n1 / n0
     growth = (n0 * t1 - n1 * t0) / det
     at_zero = (t0 - n1 * growth) / n0
     if at_zero < LEAST_NOISE:
@@ -71,6 +74,8 @@ def learn_noise(pooled: FloatArray, noise: FloatArray) -> None:
     if growth < 0.0:
         at_zero, growth = max(t0 / n0, LEAST_NOISE), 0.0
     noise[0], noise[1] = at_zero, growth
+    after = at_zero + growth * n1 / n0
+    return after > JUMPED * before or before > JUMPED * after
 
 
 @tick_kernel

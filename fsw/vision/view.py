@@ -66,8 +66,8 @@ def measure_view(
     """Measure all wanted cells (N,) of one image, in their order (N,), and learn blur, widths and noise from them.
 
     few: some of the cells. adaptation: share of the correction of blur and widths that is taken over. dark, stride: see
-    measure_cells. Where the blur has jumped, a few cells settle it, and then all are measured once more: what edges
-    would say with another blur they tell only for a small step.
+    measure_cells. Where blur or noise have jumped, a few cells settle them, and then all are measured once more: what
+    edges would say with another blur they tell only for a small step.
     """
     chosen, looks, whole, done = order, 0, True, False
     while not done:
@@ -93,8 +93,8 @@ def measure_view(
             view.cells,
         )
         correct(view.scratch.pooled, view.correction)
-        learn_noise(view.scratch.pooled, view.noise)
-        far = is_far(view.correction)
+        jumped = learn_noise(view.scratch.pooled, view.noise)
+        far = jumped or is_far(view.correction)
         done = whole and (looks > 0 or not far)
         if not done:
             adapt(view.correction, 1.0, view.blur_px, view.width_scale)
