@@ -336,6 +336,16 @@ def test_all_corners_are_measured_to_a_hundredth_of_a_pixel(H: FloatArray, limit
     assert np.abs(cells.centre_px - sheet.centres_px()).max() < limit_px
 
 
+def test_what_lies_beyond_a_border_does_not_bleed_into_its_side() -> None:
+    wide: dict[str, Any] = {"pitch_mm": (46.0, 26.0), "border_mm": 12.0, "blur_px": 2.5, "size": (300, 230)}
+    hinge = (2 * 46.0 + 40.0 + 8.0, 200.0, -50.0, 200.0)
+    plain, covered = Sheet(LEVEL, **wide), Sheet(LEVEL, **wide, covered_mm=(hinge,))
+    truth, beside = plain.corners_px(), slice(6, 9)
+    still, moved = (sheet.measure(sheet.draw(), truth).corners_px[beside] for sheet in (plain, covered))
+    assert np.abs(moved - still).max() < 0.05  # it was 0.2 where the fit went on to as far as a line is wide
+    assert np.abs(moved - truth[beside]).max() < 0.05
+
+
 def test_a_cell_expected_one_per_cent_too_large_is_measured_the_same() -> None:
     """The width of the lines beside it is expected as much too large, and must not pull the sides."""
     sheet = Sheet(LEVEL)
