@@ -92,6 +92,7 @@ def measure_view(
             view.scratch,
             view.cells,
         )
+        learn_size(view.size, view.scratch.sizes)
         correct(view.scratch.pooled, view.correction)
         jumped = learn_noise(view.scratch.pooled, view.noise)
         far = jumped or is_far(view.correction)
@@ -101,6 +102,5 @@ def measure_view(
             whole = looks == MOST_LOOKS or not far
             chosen = order if whole else few
             looks += 1
-    learn_size(view.size, view.scratch.sizes)
     widen_unsettled(view.correction, view.cells)
     adapt(view.correction, adaptation, view.blur_px, view.width_scale)
