@@ -49,7 +49,7 @@ MATCHED_PX = 0.25  # the same for a side matched by templates, whose linear mode
 FAR_SIGMAS = 2.5  # the far side of a line may come so near to the templates' window
 STEP_SIGMAS = 2.5  # of a step beside a border, at least
 WORST_PX = 0.3  # a side less sure than this is as good as hidden
-MODEL_PX = 0.0003  # what sides of images without noise are off by: no side is known better
+MODEL_PX = 0.0002  # what sides of images without noise are off by, at most: no side is known better
 
 
 @tick_kernel
