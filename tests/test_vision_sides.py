@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fsw.vision.edges import SEGMENTS
-from fsw.vision.sides import straight_side
+from fsw.vision.straight import straight_side
 
 SIGMA_PX = 3e-3
 PLACES = (np.arange(SEGMENTS) + 0.5) / SEGMENTS - 0.5

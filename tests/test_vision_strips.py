@@ -13,7 +13,8 @@ from fsw.vision.edges import BLUR, OWN, RIGHT, Scratch, make_scratch
 from fsw.vision.lanes import LANES, ROWS, TAPS, make_column_reader, make_row_reader, make_window_finder
 from fsw.vision.matched import match_segments
 from fsw.vision.rig import distort_points, undistort_points
-from fsw.vision.sides import UNSETTLED_PX, Lens, Side, fit_segments, inset_px, share_noise, straight_side
+from fsw.vision.sides import UNSETTLED_PX, Lens, Side, fit_segments, inset_px
+from fsw.vision.straight import share_noise, straight_side
 from fsw.vision.strips import (
     MOST_STRIPS,
     Way,

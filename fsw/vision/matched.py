@@ -11,18 +11,9 @@ from fsw.vision.lanes import LANES
 from fsw.vision.profile import MISFIT
 from fsw.vision.rig import norm
 from fsw.vision.settling import tell_noise
-from fsw.vision.sides import (
-    CLIPPED_SHARE,
-    MIN_CONTRAST,
-    NOISE_GATE,
-    NOISIER,
-    Lens,
-    Side,
-    inset_px,
-    is_settled,
-    share_noise,
-)
+from fsw.vision.sides import CLIPPED_SHARE, MIN_CONTRAST, NOISE_GATE, Lens, Side, inset_px, is_settled
 from fsw.vision.stains import UNSURE, feigned_alike, is_clipped, is_even, least_noise, take_off_light
+from fsw.vision.straight import NOISIER, share_noise
 from fsw.vision.strips import Point, Way, column_of, drift_variance, follow, read_strips, way_along
 from fsw.vision.templates import (
     ACROSS,

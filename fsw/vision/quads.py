@@ -36,8 +36,9 @@ from fsw.vision.perspective import (
     side_normal,
 )
 from fsw.vision.rig import Eyes, distort_point
-from fsw.vision.sides import Lens, fit_segments, straight_side
+from fsw.vision.sides import Lens, fit_segments
 from fsw.vision.standing_in import add_size, is_inside, stand_in
+from fsw.vision.straight import straight_side
 from fsw.vision.templates import fill_templates
 from wingbeat.kernels import tick_kernel
 
