@@ -90,6 +90,11 @@ def test_tables_run_and_give_flat_rows(table, monkeypatch):
     assert all(isinstance(value, (str, int, float, type(None))) for row in rows for value in row.values())
 
 
+def test_a_suite_that_there_is_not_is_wrong_usage() -> None:
+    result = CliRunner().invoke(app, ["bench", "nothing"])
+    assert result.exit_code == 2 and "nothing is no suite; choose one of vision, modal or all" in result.output
+
+
 def test_unknown_tables_are_refused():
     result = CliRunner().invoke(app, ["bench", "modal", "--rows", "nothing"])
     assert result.exit_code != 0 and "is no table" in str(result.exception)

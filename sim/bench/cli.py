@@ -10,7 +10,6 @@ import typer
 from sim.bench.machine import this_machine
 from sim.bench.table import Row, table_text
 from wingbeat.console import progress, write_json
-from wingbeat.errors import InputError
 
 # Each module has `cases(runs, seed)`: what is measured, one after the other; a case returns rows.
 SUITES = {"vision": "sim.bench.vision", "modal": "sim.bench.modal"}
@@ -35,7 +34,7 @@ def bench(
     Example: wingbeat bench modal --json modal.json
     """
     if suite != "all" and suite not in SUITES:
-        raise InputError("is no suite", suite, f"choose one of {', '.join(SUITES)} or all")
+        raise typer.BadParameter(f"{suite} is no suite; choose one of {', '.join(SUITES)} or all", param_hint="suite")
     names = list(SUITES) if suite == "all" else [suite]
     own: dict[str, dict[str, Any]] = {
         "vision": {"sequence": sequence, "binning": binning, "pace_seconds": pace_seconds}
