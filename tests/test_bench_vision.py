@@ -165,6 +165,8 @@ def test_every_wrong_point_counts_and_no_right_one() -> None:
     row = score.row()
     assert (row["recall"], row["off_1_px"], row["off_5_sigma"]) == (1.0, 1, 2)
     assert row["worst_mm"] == pytest.approx(5.0)
+    assert row["chi_square"] == pytest.approx((5000.0**2 + 10.0**2 + 2.0**2) / (3.0 * row["valid"]))
+    assert Score().row()["chi_square"] is None
     assert str(first) in score.wrong[0]
     score.miss(wanted)
     assert score.row()["recall"] == 0.5

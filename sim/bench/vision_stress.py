@@ -11,6 +11,7 @@ from fsw.vision.stereo import Points
 from sim.bench.table import Row
 from sim.bench.vision_disturbed import Disturbance, Sight, clear_world, light_of, pixels_of
 from sim.bench.vision_stand import Stand, Truth, bench_scenario, hardware
+from sim.bench.vision_tracking import chi_square
 from sim.rig import Eye
 
 FloatArray = NDArray[np.float64]
@@ -35,6 +36,7 @@ class Score:
     worst_px: float = 0.0
     worst_sigma: float = 0.0
     worst_mm: float = 0.0
+    squares: float = 0.0  # of valid points' errors, normalised, per axis
     started: int = 0
     least_recall: float = 1.0
     wrong: list[str] = field(default_factory=list)  # seed, tick and cells, for whoever looks for the cause
@@ -58,6 +60,7 @@ class Score:
             self.worst_px = max(self.worst_px, float(px[valid].max()))
             self.worst_sigma = max(self.worst_sigma, float(sigma[valid].max()))
             self.worst_mm = max(self.worst_mm, float(np.linalg.norm(error[valid], axis=1).max()))
+            self.squares += chi_square(error[valid], points.covariance_mm2[valid]) * float(valid.sum())
         if far.any():
             self.wrong.append(f"{where}: cells {np.flatnonzero(far).tolist()}, px {np.round(px[far], 1).tolist()}")
 
@@ -78,6 +81,7 @@ class Score:
             "worst_px": self.worst_px,
             "worst_sigma": self.worst_sigma,
             "worst_mm": self.worst_mm,
+            "chi_square": self.squares / self.valid if self.valid else None,
         }
 
 
