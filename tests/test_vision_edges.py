@@ -25,6 +25,7 @@ from fsw.vision.edges import (
     make_scratch,
     solve,
 )
+from fsw.vision.hot import shown_full_scale
 from fsw.vision.profile import EdgeFit, fit_profile
 from fsw.vision.quads import measure_cells
 from fsw.vision.rig import Eyes, StereoRig, eyes_of
@@ -293,6 +294,7 @@ class Sheet:
         noise: FloatArray = QUIET,
     ) -> Cells:
         cells, scratch = make_cells(9), make_scratch()
+        scratch.full[0] = shown_full_scale(image)
         whole = float(np.sqrt(self.blur_px**2 + PIXEL_VARIANCE))
         seen = eyes(image.shape)
         lens = Lens(seen.intrinsics[0], seen.distortion[0], whole, table_of(self.blur_px), noise)

@@ -31,7 +31,7 @@ CLOSER = 0.1  # so much closer than to the surface points may lie to one with ki
 class Bow(NamedTuple):
     """What is needed of the grid, and the working memory; K is BENDING and the number of folds."""
 
-    basis: FloatArray  # (N, K) bending functions and kinks at the cells' centres
+    basis: FloatArray  # (N, K) bending functions, kinks and steps at the cells' centres
     rise: FloatArray  # (N, 2, BENDING) of their centres above the mean of the ends, along X and along Y
     tilt: FloatArray  # (N, 2, K) of the middle of side 0 above that of side 2, and of side 1 above that of side 3
     prior: FloatArray  # (K,) weight of each factor's being 0, against a measured centre, 1 / mm2

@@ -21,7 +21,7 @@ from fsw.vision.edges import (
     Image,
     Scratch,
 )
-from fsw.vision.hot import runs_along_hot_row, shown_full_scale
+from fsw.vision.hot import runs_along_hot_row
 from fsw.vision.light import ROUNDED_FITTED, ROUNDED_MATCHED, add_rounding, correct_light, rounding
 from fsw.vision.matched import match_segments
 from fsw.vision.perspective import (
@@ -82,10 +82,11 @@ def measure_cells(
     border: the panel's usual line). neighbour (N, 4): the cell across each side, or -1. width_scale (2,): correction of
     the widths along X and Y. stride: take every so many columns of a side. Results go to `out`. One hidden side (out of
     view, or under a glint) is put where its opposite and the cell's size say, with a wider variance; with two, the cell
-    is not found. size (2, 2): of the cells, see `standing_in`; what they tell of it is left in scratch.
+    is not found. size (2, 2): of the cells, see `standing_in`; what they tell of it is left in scratch,
+    where it is known at what value the image is cut off.
     """
     sign = 1.0 if dark else -1.0
-    scratch.pooled[:], scratch.full[0] = 0.0, shown_full_scale(image)
+    scratch.pooled[:] = 0.0
     for row in range(2):
         gain, plateau = mean_gain(expected_px, wanted, row), least_plateau(expected_px, wanted, line_ratio, row)
         room = plateau - FAR_SIGMAS * lenses[row].blur_px - MATCHED_PX

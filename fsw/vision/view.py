@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fsw.vision.blur import STEP_ROWS
 from fsw.vision.corners import Cells
 from fsw.vision.edges import FloatArray, Image, Scratch, make_scratch
+from fsw.vision.hot import shown_full_scale
 from fsw.vision.quads import measure_cells
 from fsw.vision.rig import Eyes
 from fsw.vision.settling import adapt, correct, is_far, learn_noise, widen_unsettled
@@ -69,6 +70,7 @@ def measure_view(
     measure_cells. Where blur or noise have jumped, a few cells settle them, and then all are measured once more: what
     edges would say with another blur they tell only for a small step.
     """
+    view.scratch.full[0] = shown_full_scale(image)
     chosen, looks, whole, done = order, 0, True, False
     while not done:
         along_x = lens_of(eyes, eye, view.blur_px[0], view.steps[0], view.noise)
